@@ -21,6 +21,34 @@ PEAK = [243, 177, 60]
 LABEL = "document.querySelector('.pane[data-pane=left] .label').textContent"
 
 
+def test_a_pane_without_its_picture_says_that_it_loads__law(sit):
+    page, held = sit(scene=False), []
+    page.mouse.move(5, 5)
+    page.context.route("**/tiles/scan/**", lambda route: held.append(route))
+    page.reload()
+    page.wait_for_selector('[data-pane="right"] .wait')
+    page.wait_for_selector('[data-pane="left"] .wait', state="hidden")
+    page.context.unroute("**/tiles/scan/**")
+    for route in held:
+        route.continue_()
+    page.wait_for_selector('[data-pane="right"] .wait', state="hidden")
+
+
+def test_places_beside_the_pictures_are_of_the_point_in_sight__law(sit):
+    page = sit(scene=False)
+    page.hover('[data-pane="left"]')
+    page.wait_for_selector('[data-pane="left"] .where:not(:empty)')
+    point = current(page)
+    page.keyboard.press("j")
+    gone_on(page, point)
+    page.wait_for_timeout(200)
+    said = page.inner_text('[data-pane="left"] .where').replace("\u2212", "-")
+    east, north = (float(part) for part in said.split())
+    view = page.evaluate("gruber.compareState().view")
+    assert abs(east - view["east"]) < 1
+    assert abs(north - view["north"]) < 1
+
+
 @pytest.fixture
 def page(sit):
     page = sit(scene=False)

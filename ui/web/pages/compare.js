@@ -41,6 +41,8 @@ const state = {
   point: /** @type {Point | null} */ (null),
   view: new View(),
   panes: /** @type {Pane[]} */ ([]),
+  pointer: /** @type {[Pane, Pair] | null} */ (null),
+  /** Where the pointer was on the ground when the panes were drawn. */
   cursor: /** @type {Place | null} */ (null),
   /** True while the line between two pictures is dragged. */
   wiping: false,
@@ -111,6 +113,7 @@ export function comparePoint(fresh, refused = false) {
     showPoint(fresh, Math.min(scale, wholeEllipse(fresh)));
     lookAhead();
   }
+  if (!fresh) for (const pane of state.panes) pane.await(true, "");
   redraw();
 }
 
@@ -231,10 +234,11 @@ function drawAll() {
   byId("adding").hidden = !look.adding;
   byId("panes").classList.toggle("adding", look.adding);
   if (!point) return clear();
+  state.cursor = state.pointer && placeAt(...state.pointer);
   let whole = true;
   for (const pane of panes) {
     if (pane.room.offsetParent === null) continue;
-    whole = drawPicture(pane, point) && whole;
+    whole = pane.await(drawPicture(pane, point), point.key.join("|")) && whole;
     drawMarks(pane, point);
   }
   if (look.together) whole = drawTogether(point, state.view.scale, look.wallis) && whole;
@@ -475,7 +479,7 @@ const HAND = {
   // A mark is often wrong by less than it can be gripped at.
   tap: (pane, screen) => state.wiping || putMark(pane, placeAt(pane, screen)),
   point: (pane, screen) => {
-    state.cursor = screen && placeAt(pane, screen);
+    state.pointer = screen && [pane, screen];
     const wipes = state.wiping || (screen !== null && onWipe(pane, screen[0]));
     pane.room.classList.toggle("wipes", wipes);
     redraw();

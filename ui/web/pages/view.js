@@ -195,6 +195,7 @@ export class Pane {
     this.view = view;
     this.hand = hand;
     this.name = room.dataset.pane ?? "";
+    this.shown = "";
     this.picture = /** @type {HTMLCanvasElement} */ (first(".picture", room));
     this.marks = /** @type {HTMLCanvasElement} */ (first(".marks", room));
     this.label = first(".label", room);
@@ -204,6 +205,16 @@ export class Pane {
       view.refit(this.size);
       hand.redraw();
     }).observe(room);
+  }
+
+  /**
+   * A sign stands where a picture of something else is to come, until it is there.
+   * @param {boolean} whole @param {string} what
+   */
+  await(whole, what) {
+    if (whole) this.shown = what;
+    this.room.classList.toggle("waiting", this.shown !== what);
+    return whole;
   }
 
   get size() {
