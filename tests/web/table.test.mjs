@@ -31,6 +31,14 @@ test("counts are of the kind that is shown, whatever state is asked for__truth",
   assert.deepEqual([kinds.control, kinds.check, kinds.tie], [1, 1, 1]);
 });
 
+test("done is what somebody decided, not what a draft begins__truth", () => {
+  const rows = [...ROWS, row("H1", "a", "control", "accepted"), row("3", "a", "control",
+    "dubious")];
+  Object.assign(rows[1], { 4: 1 });
+  Object.assign(rows[5], { 4: 1 });
+  assert.equal(sifted(rows, [...ORDER, 4, 5], ALL).counts.done, 2);
+});
+
 test("what the block contradicts is a filter of its own__truth", () => {
   const rows = [...ROWS, row("3", "b", "control", "accepted", 18.2)];
   const { counts, shown } = sifted(rows, [4, ...ORDER], { ...ALL, state: "disputed" });

@@ -129,12 +129,12 @@ class QueueTable:
         return replace(self, rows=rows, lines=lines, figures=figures)
 
     def with_point(self, state: DeskState, name: str) -> "QueueTable":
-        """With the rows of one more point behind all others."""
+        """With the rows of one more point behind all others: a draft, so nobody decided them."""
         every = {**state.to_measure.waiting, **state.block.measurements}
         keys = sorted(key for key in every if key[0] == name and key not in self.rows)
         fresh = {**self.figures.misfits, **misfits(state, keys)}
         figures = replace(self.figures, misfits=fresh)
-        more = {key: queue_row(state, figures, key) for key in keys}
+        more = {key: replace(queue_row(state, figures, key), human=False) for key in keys}
         rows = {**self.rows, **more}
         return QueueTable(
             rows,

@@ -58,6 +58,16 @@ def test_who_drafts_a_point_alone_has_its_rows_and_keeps_it_with_its_place__law(
     assert not kept.seat.drafts
 
 
+def test_what_a_draft_of_a_new_point_brings_along_is_decided_by_nobody__law(desk):
+    seat, added, photo, _ = clicked(desk)
+    known = next(iter(desk.state.block.measurements.values()))
+    found = replace(known, point_id="N001", photo_id=photo, status="accepted")
+    (draft,) = seat.drafts
+    seat = replace(seat, drafts=(replace(draft, begins=replace(added, measured=(found,))),))
+    row = with_begun(desk, seat).rows["N001", photo]
+    assert (row.state, row.human) == ("accepted", False)
+
+
 def test_other_drafts_of_a_kept_point_go_when_it_is_taken_back__law(desk):
     seat, added, photo, place = clicked(desk)
     there = with_begun(desk, seat)

@@ -206,7 +206,7 @@ const stateName = (row) => (row[STATE] === "auto" ? "open"
  * @param {Row[]} rows @param {number[]} order @param {Filter} filter
  */
 export function sifted(rows, order, filter) {
-  const counts = Object.fromEntries(STATES.map((name) => [name, 0]));
+  const counts = Object.fromEntries([...STATES, "done"].map((name) => [name, 0]));
   const kinds = Object.fromEntries(KINDS.map((kind) => [kind, 0]));
   const shown = order.filter((index) => {
     const row = rows[index];
@@ -215,6 +215,8 @@ export function sifted(rows, order, filter) {
     if (!ofKind(row, filter)) return false;
     counts.all += 1;
     counts[stateName(row)] += 1;
+    // A new point that is nothing but a draft is decided by nobody.
+    if (row[HUMAN] && DONE.includes(row[STATE])) counts.done += 1;
     if (row[DISPUTED] !== null) counts.disputed += 1;
     if (isSecond(row)) counts.second += 1;
     return inState(row, filter.state);
@@ -284,7 +286,7 @@ function showPlace({ current, shown, counts, filter }) {
     ? word("queue.marked", { count: marked.size }) : word("queue.place", values);
   const measuring = filter.state === "measure";
   const left = measuring ? counts.measure : counts.open;
-  const done = DONE.reduce((sum, name) => sum + counts[name], 0);
+  const { done } = counts;
   byId("progress").title = byId("progress-said").textContent =
     word(measuring ? "queue.unmeasured" : "queue.progress", { left, done });
   byId("progress-done").style.width = `${(100 * done) / Math.max(done + left, 1)}%`;
