@@ -299,8 +299,8 @@ class ReviewLoop:
     def _record(self, decisions: Sequence[Decision], seat: Seat, amends: bool = False) -> None:
         """Only once it is on disk does anything else happen."""
         last = self._last
-        if amends and last is not None and gives_reason(last.decision, decisions[0]):
-            # The reason belongs to the rejection just made: one decision, one undo.
+        if amends and last is not None and gives_reason(last.decision, decisions[-1]):
+            # The reason belongs to the rejections just made: one act, one undo.
             self._session.undo(seat.operator, others=self._of_others(seat))
         state = self._now.state
         with_it = act_of(decisions, state, self._now.recorded)
@@ -370,7 +370,7 @@ class ReviewLoop:
             notice = notice_of_point(decision)
             best = max(decision.measured, key=lambda item: item.score)
             accepted = Accept(*best.key, best.column, best.row)
-            seat = replace(seat, current=best.key, explaining=None)
+            seat = replace(seat, current=best.key, explaining=())
             seat = seat.with_draft(Draft(best.key, accepted, decision))
             seat, decision = keep_seat_up(seat, self._seen_by(seat).rows), None
         elif isinstance(decision, Place | PlaceFiducial):

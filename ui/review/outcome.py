@@ -165,9 +165,9 @@ def _act(
             # What was done last is taken back first.
             return Outcome(seat.without_draft(draft.key))
         case Undone():
-            return Outcome(replace(seat, explaining=None), act="undo")
+            return Outcome(replace(seat, explaining=()), act="undo")
         case Redone():
-            return Outcome(replace(seat, explaining=None), act="redo")
+            return Outcome(replace(seat, explaining=()), act="redo")
         case RemakeAsked():
             return Outcome(seat, act="remake")
         case RemakeCancelled(filling=filling):
@@ -200,7 +200,7 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
     here = key == seat.current
     after = replace(seat, current=_next_open(seat, desk)) if here else seat
     rejected = verdict == "reject" and not stands and not extra
-    after = replace(after.without_draft(key), explaining=key if rejected else None)
+    after = replace(after.without_draft(key), explaining=(key,) if rejected else ())
     last = here and desk.rows[key].state in UNDECIDED and not coming(desk.rows, seat)
     if draft:
         decided = draft.decision
@@ -239,7 +239,10 @@ def _judge_together(gesture: JudgedTogether, seat: Seat, desk: DeskSnapshot) -> 
         seat, notice = replace(one.seat, current=looked_at), notice or one.notice
     if moved:
         seat = replace(seat, current=_next_open(seat, desk, done))
-    return Outcome(replace(seat, explaining=None), tuple(decided), notice=notice)
+    asked = [(one.point_id, one.photo_id) for one in decided if isinstance(one, Reject)]
+    # One reason for all, where there is nothing else among them.
+    seat = replace(seat, explaining=tuple(asked) if len(asked) == len(decided) else ())
+    return Outcome(seat, tuple(decided), notice=notice)
 
 
 def _next_open(seat: Seat, desk: DeskSnapshot, done: Sequence[Key] = ()) -> Key | None:
@@ -253,11 +256,11 @@ def _next_open(seat: Seat, desk: DeskSnapshot, done: Sequence[Key] = ()) -> Key 
 
 
 def _explain(gesture: Explained, seat: Seat) -> Outcome:
-    if seat.explaining is None or not 1 <= gesture.digit <= len(REASONS):
+    if not seat.explaining or not 1 <= gesture.digit <= len(REASONS):
         # What was done last, before the page heard of it, has closed the question.
         return Outcome(seat, notice=Notice("notice.no-reason"))
-    decision = Reject(*seat.explaining, reason=REASONS[gesture.digit - 1])
-    return Outcome(replace(seat, explaining=None), (decision,), "amend")
+    decided = tuple(Reject(*key, reason=REASONS[gesture.digit - 1]) for key in seat.explaining)
+    return Outcome(replace(seat, explaining=()), decided, "amend")
 
 
 def _mark(
@@ -315,7 +318,7 @@ def _place(
         return Outcome(seat, notice=Notice("notice.yes-or-no"))
     if (gesture.key not in desk.rows and point_id) or photo_id not in desk.drawn:
         return Outcome(seat)
-    seat = replace(seat, explaining=None)
+    seat = replace(seat, explaining=())
     if isinstance(gesture, PeakChosen):
         measurement = desk.state.measurement_of(gesture.key)
         if measurement is None or not 0 <= gesture.index < len(measurement.peaks):
@@ -353,7 +356,7 @@ def _measure(gesture: PointAsked | Refined, seat: Seat, desk: DeskSnapshot) -> O
         return Outcome(seat, notice=Notice("notice.yes-or-no"))
     if gesture.key not in desk.rows or gesture.key[0] not in desk.state.block.surveyed:
         return Outcome(seat)
-    return Outcome(replace(seat, current=gesture.key, explaining=None), act="measure")
+    return Outcome(replace(seat, current=gesture.key, explaining=()), act="measure")
 
 
 def _switch_role(gesture: RoleSwitched, seat: Seat, desk: DeskSnapshot) -> Outcome:
@@ -367,7 +370,7 @@ def _switch_role(gesture: RoleSwitched, seat: Seat, desk: DeskSnapshot) -> Outco
     if point.role == "new":
         return Outcome(seat, notice=Notice("notice.no-role", {"what": gesture.point_id}))
     role = "check" if point.role == "control" else "control"
-    return Outcome(replace(seat, explaining=None), (SetRole(gesture.point_id, role),))
+    return Outcome(replace(seat, explaining=()), (SetRole(gesture.point_id, role),))
 
 
 def _aim(

@@ -55,7 +55,7 @@ def queue_part(
             "area": [list(corner) for corner in seat.filter.area],
         },
         "sort": {"column": seat.sorting.column, "descending": seat.sorting.descending},
-        "explaining": list(seat.explaining) if seat.explaining else None,
+        "explaining": [list(key) for key in seat.explaining],
         "drafts": [places[draft.key] for draft in seat.drafts if draft.key in places],
     }
 

@@ -149,8 +149,8 @@ class Seat:
     """Filter of the queue."""
     order: tuple[Key, ...] = ()
     """Queue in the order it had when it was last sorted: decisions do not shuffle it underfoot."""
-    explaining: Key | None = None
-    """The measurement just rejected, whose reason a digit may still give."""
+    explaining: tuple[Key, ...] = ()
+    """The measurements just rejected, whose reason a digit may still give."""
     drafts: tuple[Draft, ...] = ()
     """Places not decided yet, one for a measurement at most."""
     marks: tuple[PlaceFiducial, ...] = ()

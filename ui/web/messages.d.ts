@@ -66,7 +66,7 @@ interface Queue {
   taken: [row: number, name: string][];
   filter: Filter;
   sort: Sort;
-  explaining: Key | null;
+  explaining: Key[];
   /** Rows with a draft of one's own. */
   drafts: number[];
 }

@@ -171,7 +171,10 @@ def test_what_was_judged_at_once_is_undone_at_once__law(desk: Any):
     keys = tuple(tiny_keys(desk)[:5])
     desk.loop.submit(Judged("anna-1", tiny_keys(desk)[7], "dubious"))
     desk.loop.submit(JudgedTogether("anna-1", keys, "reject"))
+    desk.loop.submit(Explained("anna-1", 4))
     desk.settled(6)
+    known = desk.session.replayed(tiny_block().block).measurements
+    assert {known[key].reason for key in keys} == {"blurred"}
     desk.loop.submit(Undone("anna-1"))
     desk.settled(1)
     assert all(desk.glass.row(key)[3] == "auto" for key in keys)

@@ -94,6 +94,16 @@ def test_a_digit_after_a_rejection_gives_its_reason__law(desk, seat):
     assert outcome_of(Explained(seat.seat_id, 2), explained.seat, desk).decisions == ()
 
 
+def test_one_digit_gives_all_that_was_rejected_together_its_reason__law(desk, seat):
+    keys = visible(desk.rows, seat)[:3]
+    rejected = outcome_of(JudgedTogether(seat.seat_id, keys, "reject"), seat, desk)
+    explained = outcome_of(Explained(seat.seat_id, 2), rejected.seat, desk)
+    assert explained.decisions == tuple(Reject(*key, reason="changed") for key in keys)
+    assert (explained.act, explained.seat.explaining) == ("amend", ())
+    accepted = outcome_of(JudgedTogether(seat.seat_id, keys, "accept"), rejected.seat, desk)
+    assert accepted.seat.explaining == ()
+
+
 def test_a_place_on_the_warped_scan_is_the_pixel_under_it__law(desk, seat):
     key = seat.current
     pixel = desk.state.block.measurements[key].pixel + 3.25
@@ -163,9 +173,9 @@ def test_a_place_outside_the_scan_is_refused_in_words__law(desk, seat):
 
 def test_enter_waits_there_for_what_is_measured__law(desk, seat):
     key = seat.order[6]
-    found = outcome_of(Refined(seat.seat_id, key), replace(seat, explaining=key), desk)
+    found = outcome_of(Refined(seat.seat_id, key), replace(seat, explaining=(key,)), desk)
     assert (found.decisions, found.act) == ((), "measure")
-    assert (found.seat.current, found.seat.explaining) == (key, None)
+    assert (found.seat.current, found.seat.explaining) == (key, ())
     assert outcome_of(Refined(seat.seat_id, ("J1", "none")), seat, desk).act == ""
 
 

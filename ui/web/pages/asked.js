@@ -6,8 +6,8 @@ import { send } from "./wire.js";
 const REASON_MS = 6000; // design: time to read five reasons; after it digits mean nothing
 const state = {
   point: /** @type {Point | null} */ (null),
-  /** The measurement just rejected, and until when a digit is its reason. */
-  explaining: /** @type {Key | null} */ (null),
+  /** The measurements just rejected, and until when a digit is their reason. */
+  explaining: /** @type {Key[]} */ ([]),
   until: 0,
   timer: 0,
 };
@@ -18,16 +18,16 @@ export function askAbout(point) {
   show();
 }
 
-/** @param {Key | null} explaining the measurement just rejected */
+/** @param {Key[]} explaining the measurements just rejected */
 export function askWhy(explaining) {
   if (JSON.stringify(explaining) === JSON.stringify(state.explaining)) return;
   clearTimeout(state.timer);
-  Object.assign(state, { explaining, until: explaining ? Date.now() + REASON_MS : 0 });
-  if (explaining) state.timer = setTimeout(show, REASON_MS);
+  Object.assign(state, { explaining, until: explaining.length ? Date.now() + REASON_MS : 0 });
+  if (explaining.length) state.timer = setTimeout(show, REASON_MS);
   show();
 }
 
-/** The reason of the rejection just made; false when none is asked for. @param {number} digit */
+/** The reason of what was just rejected; false when none is asked for. @param {number} digit */
 export function explain(digit) {
   if (Date.now() >= state.until) return false;
   state.until = 0;
@@ -48,27 +48,29 @@ export const proposalsOf = ({ key: [name], others }) => others
 
 function show() {
   const { point, explaining, until } = state;
-  const why = explaining && Date.now() < until && !point?.draft?.asking;
+  const why = explaining.length > 0 && Date.now() < until && !point?.draft?.asking;
   const room = byId("asked");
   room.className = why ? "why" : point?.draft ? (point.draft.asking ? "against" : "draft") : "";
   byId("reasons").hidden = !why;
-  byId("keep").hidden = Boolean(why) || !point?.draft;
+  byId("keep").hidden = why || !point?.draft;
   const count = point && !why && !point.draft ? proposalsOf(point).length : 0;
   byId("proposals").hidden = !count;
   byId("proposals-said").textContent = word("proposals", { count });
-  byId("hint").hidden = Boolean(why) || Boolean(point?.draft) || count > 0;
+  byId("hint").hidden = why || Boolean(point?.draft) || count > 0;
   if (why) showReasons(explaining);
   else if (point?.draft) showDraft(point);
 }
 
-/** @param {Key} explaining */
-function showReasons([name, photo]) {
+/** @param {Key[]} explaining */
+function showReasons(explaining) {
   const choices = [1, 2, 3, 4, 5].map((digit) => element("button",
     { class: "small", onclick: () => explain(digit) },
     element("kbd", {}, `${digit}`), word(`reason.${digit}`)));
   renew(byId("reasons"),
-    element("p", { title: `${name} \u00b7 ${photo}` },
-      stateGlyph("rejected", 13), word("reason.ask", { scan: shortName(photo) })), ...choices);
+    element("p", { title: explaining.map((key) => key.join(" \u00b7 ")).join("\n") },
+      stateGlyph("rejected", 13), explaining.length > 1
+        ? word("reason.ask.many", { count: explaining.length })
+        : word("reason.ask", { scan: shortName(explaining[0][1]) })), ...choices);
 }
 
 /** @param {Point} point */
