@@ -92,6 +92,12 @@ def test_an_area_drawn_over_the_scene_is_what_the_queue_shows__truth(sit):
     page.wait_for_selector("#scene-area:not([hidden])")
     page.keyboard.press("Escape")
     page.wait_for_selector("#scene-area", state="hidden")
+    # Enter takes all in sight, and refines nothing.
+    page.keyboard.press("Shift+F")
+    page.keyboard.press("Enter")
+    page.wait_for_function("gruber.parts.queue.filter.area.length > 4")
+    assert set(page.evaluate(SHOWN)) == set(places)
+    assert page.evaluate("gruber.parts.status.drafts") == 0
     page.click('[data-act="area"]')
     page.wait_for_selector('[data-act="area"].on')
     page.mouse.move(box["x"] + low[0], box["y"] + low[1])

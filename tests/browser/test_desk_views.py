@@ -154,6 +154,24 @@ def test_an_area_drawn_on_the_map_is_what_the_queue_shows__truth(sit):
     assert page.evaluate("gruber.areaShown().places.length") == before
 
 
+def test_by_keys_alone_the_area_is_all_that_the_map_shows__truth(sit):
+    page = sit(scene=False)
+    page.keyboard.press("g")
+    page.wait_for_selector("#placement tr[data-photo]")
+    box = page.locator("#placement .pane").bounding_box()
+    page.keyboard.press("Shift+F")
+    page.keyboard.press("+")
+    page.keyboard.press("Shift+ArrowUp")
+    page.keyboard.press("Enter")
+    page.wait_for_function("gruber.parts.queue.filter.area.length === 4")
+    page.wait_for_selector("#map-area:not(.on)")
+    view = page.evaluate("(({ x, y, scale }) => [x, y, scale])(gruber.placementState().view)")
+    west, south = np.min(page.evaluate("gruber.areaShown().area"), axis=0)
+    east, north = np.max(page.evaluate("gruber.areaShown().area"), axis=0)
+    assert east - west == pytest.approx(box["width"] / view[2], rel=0.01)
+    assert north - south == pytest.approx(box["height"] / view[2], rel=0.01)
+
+
 def test_guests_look_at_the_board_and_change_nothing__law(real_desk, sit_at):
     guest = sit_at(real_desk.desk.guest_url, scene=False)
     before = len(real_desk.session.decisions())

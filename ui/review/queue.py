@@ -296,6 +296,9 @@ def with_filter(seat: Seat, rows: Mapping[Key, Row], wanted: QueueFilter) -> Sea
     kept = seat.current and not seat.filter.text
     places = {**dict(seat.places), **({seat.filter: seat.current} if kept else {})}
     there = places.get(wanted, seat.current)
+    if wanted.area not in ((), seat.filter.area) and not seat.scene.inside:
+        # An area takes points of all photos: those of a chosen one are no longer shown alone.
+        seat = replace(seat, scene=replace(seat.scene, photo=""))
     seat = replace(seat, filter=wanted, places=tuple(places.items()))
     shown = visible(rows, seat)
     if there not in shown:

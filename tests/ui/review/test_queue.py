@@ -58,6 +58,17 @@ def test_new_measurements_join_the_end_and_vanished_ones_leave__law(desk, seat):
     assert kept.order[-1] == ("J999", moved[1])
 
 
+def test_an_area_takes_points_of_all_photos_and_lets_a_chosen_one_go__law(desk, seat):
+    chosen = replace(seat, scene=replace(seat.scene, photo=seat.current[1]))
+    area = QueueFilter("all", area=((-1e7, -1e7), (1e7, -1e7), (0.0, 1e7)))
+    after = with_filter(chosen, desk.rows, area)
+    assert len({key[1] for key in visible(desk.rows, after)}) > 1
+    assert after.scene.photo == ""
+    assert with_filter(chosen, desk.rows, QueueFilter("all")).scene == chosen.scene
+    again = replace(after, scene=chosen.scene)
+    assert with_filter(again, desk.rows, replace(area, state="open")).scene == chosen.scene
+
+
 def test_who_sits_down_second_begins_elsewhere__law(desk, seat):
     second = seat_down(Seat("seat-2", "berta"), desk.rows, [seat.current])
     assert second.current not in (None, seat.current)

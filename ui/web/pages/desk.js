@@ -31,7 +31,9 @@ import { startTour, tourIsNew } from "./tour.js";
 import { toggleHelp } from "./help.js";
 import { listenToKeys } from "./keys.js";
 import { openScene, setUpScene, showScene } from "./block.js";
-import { closeSight, drawArea, leavePhoto, showCard, showSight, stopArea } from "./sight.js";
+import {
+  closeSight, drawArea, leavePhoto, showCard, showSight, stopArea, takeArea,
+} from "./sight.js";
 import { grow, setUpLayout, toggleDetails } from "./layout.js";
 import { ARROWS, ZOOMS, letterOf } from "./view.js";
 import {
@@ -180,6 +182,7 @@ function takeKey(event) {
   if (sheet) return sheetKey(event, /** @type {HTMLDialogElement} */ (sheet));
   const down = event.type === "keydown";
   if (event.key === "Escape" && down && (stopArea() || clearMarked())) return true;
+  if (event.key === "Enter" && down && takeArea()) return true;
   if (event.key === "Escape" && compareState().adding) {
     switchCompare("adding");
     return true;

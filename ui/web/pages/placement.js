@@ -4,7 +4,7 @@ import {
 } from "./words.js";
 import { cleared, halo, text } from "./overlay.js";
 import { drawLayer, groundFromLayer, layerFromGround, onTile, orthoLayer } from "./tiles.js";
-import { Pane, View, ZOOMS, oncePerFrame, paneElement } from "./view.js";
+import { ARROWS, Pane, View, ZOOMS, oncePerFrame, paneElement } from "./view.js";
 import { openPlaced } from "./placed.js";
 import { areaShown, sieveArea } from "./queue.js";
 import { send } from "./wire.js";
@@ -41,11 +41,24 @@ const HAND = {
     state.other = screen && pane.layerFromScreen(screen);
     redraw();
   },
-  drop: () => {
-    sieveArea(boxDrawn().map((place) => /** @type {Pair} */ (groundFromLayer(place))));
-    drawArea(false);
-  },
+  drop: takeBox,
 };
+
+/** What was drawn is the area of the queue. */
+function takeBox() {
+  sieveArea(boxDrawn().map((place) => /** @type {Pair} */ (groundFromLayer(place))));
+  drawArea(false);
+}
+
+/** All that the map shows is; false where no area is to be drawn. */
+function takeAll() {
+  const { drawing, pane } = state;
+  if (!drawing || !pane) return false;
+  state.corner = pane.layerFromScreen([0, 0]);
+  state.other = pane.layerFromScreen(/** @type {Pair} */ (pane.size));
+  takeBox();
+  return true;
+}
 
 /** Corners of what is being drawn, on the layer. @returns {Pair[]} */
 function boxDrawn() {
@@ -250,8 +263,9 @@ function draw() {
 function drawQueue(context, onScreen) {
   const { area, places } = areaShown();
   if (!state.drawing && !area.length) return;
-  context.fillStyle = AREA;
-  for (const [x, y] of places.map(onScreen)) context.fillRect(x - 1.5, y - 1.5, 3, 3);
+  for (const [x, y] of places.map(onScreen)) {
+    halo(context, AREA, 2, () => context.rect(x - 1, y - 1, 2, 2));
+  }
   const drawn = boxDrawn();
   const ring = drawn.length ? drawn.map(groundFromLayer) : state.drawing ? [] : area;
   if (ring.length) outline(context, ring.map(onScreen), AREA, false, true);
@@ -307,6 +321,8 @@ export function placementKey(event, letter) {
     setMode(state.mode === "before" ? "after" : "before");
     return true;
   }
+  if (event.key === "Enter") return takeAll();
+  if (event.shiftKey && ARROWS[event.key]) return move(ARROWS[event.key]);
   const act = letter === "KeyF" && event.shiftKey ? () => drawArea(!state.drawing)
     : ACTS[letter] ?? ACTS[event.key];
   if (act) act();
@@ -325,6 +341,15 @@ function step(by) {
   const photos = state.found?.photos ?? [];
   const at = photos.findIndex((one) => one.photo === state.current) + by;
   choose(photos[Math.min(Math.max(at, 0), photos.length - 1)]?.photo ?? "");
+}
+
+/** The map by a tenth of what it shows. @param {Pair} step right and down */
+function move([right, down]) {
+  const { view, pane } = state;
+  const [width, height] = (pane?.size ?? [0, 0]).map((length) => length / 10 / view.scale);
+  view.pan([right * width, down * height], [0, 0]);
+  redraw();
+  return true;
 }
 
 /** @param {number} factor */

@@ -63,6 +63,14 @@ export function drawArea() {
   turn(first("[data-act=area]"), true);
 }
 
+/** All that is in sight, where an area is to be drawn; false where none is. */
+export function takeArea() {
+  const { hidden, clientWidth, clientHeight } = byId("scene-area");
+  if (hidden) return false;
+  outline([0, 0], [clientWidth, clientHeight]);
+  return stopArea();
+}
+
 /** True when an area was to be drawn. */
 export function stopArea() {
   const open = !byId("scene-area").hidden;
