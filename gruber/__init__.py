@@ -1,11 +1,31 @@
 """`import gruber`: blocks from a notebook or a script; a thin layer over the other rooms.
 
-Examples are in docs/python/examples.md; the tests run them.
+Examples are in docs/python/examples.md; the tests run them. A name is imported once it is asked
+for: the program `gruber` passes here too, and its help waits for no engine.
 """
 
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING
+
 from core.errors import PhotogrammetryError
-from gruber.block import Block, open_block
-from gruber.formats import read, write
-from gruber.tables import as_geodataframe
+
+if TYPE_CHECKING:
+    from gruber.block import Block, open_block
+    from gruber.formats import read, write
+    from gruber.tables import as_geodataframe
 
 __all__ = ["Block", "PhotogrammetryError", "as_geodataframe", "open_block", "read", "write"]
+_LATER = {
+    "Block": "gruber.block", "open_block": "gruber.block", "as_geodataframe": "gruber.tables",
+    "read": "gruber.formats", "write": "gruber.formats",
+}  # fmt: skip
+
+
+def __getattr__(name: str) -> object:
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return resolve_name(f"{_LATER[name]}:{name}")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -29,7 +29,8 @@ def test_help_names_every_verb_and_exit_code__truth(capsys: pytest.CaptureFixtur
 
 
 def test_help_waits_for_no_engine_and_no_desk__law() -> None:
-    asks = "import sys; from app.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass"
+    begun = "import sys; from gruber.__main__ import program; sys.argv[1:] = ['--help']"
+    asks = f"{begun}\ntry: program()\nexcept SystemExit: pass"
     told = "print(*sorted({'viser', 'scipy', 'core.pipeline', 'rasterio'} & set(sys.modules)))"
     out = subprocess.check_output([sys.executable, "-c", f"{asks}\n{told}"], text=True)
     assert out.splitlines()[-1] == ""

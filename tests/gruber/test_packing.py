@@ -18,6 +18,8 @@ try:
     program()
 except SystemExit as done:
     assert not done.code
+import gruber
+gruber.open_block
 print(sorted({name.split(".")[0] for name in sys.modules} & {"app", "core", "ui", "sessions"}))
 print(sys.modules["gruber.core.block"].__file__)
 """
