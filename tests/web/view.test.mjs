@@ -4,7 +4,7 @@ import test from "node:test";
 
 import { scaleBar } from "../../ui/web/pages/overlay.js";
 import {
-  View, afterPause, inverse, letterOf, mapped, roundLength, scaleOf,
+  View, afterPause, inverse, isStill, letterOf, mapped, roundLength, scaleOf,
 } from "../../ui/web/pages/view.js";
 
 const SIZE = [640, 400];
@@ -139,4 +139,9 @@ test("a picture zoomed far out is not enlarged nought times__truth", () => {
   for (const scale of [2, 0.3, 0.04, 0.0002]) scaleBar(context, [400, 300], scale, 1);
   assert.deepEqual(told.map((words) => words.split("  ").at(-1)),
     ["2.0\u00d7", "0.3\u00d7", "0.04\u00d7", "0.0002\u00d7"]);
+});
+
+test("a press that moves three pixels is a drag, and a finger may roll__truth", () => {
+  assert.ok(isStill([10, 10], [11, 11], "mouse") && !isStill([10, 10], [13, 10], "mouse"));
+  assert.ok(isStill([10, 10], [16, 14], "touch") && !isStill([10, 10], [19, 10], "touch"));
 });

@@ -1,4 +1,5 @@
 // Who a key belongs to: what has the focus and uses it, or else the page.
+import { letterOf } from "./view.js";
 import { focused } from "./words.js";
 
 const PRESSES = ["Enter", " "];
@@ -43,14 +44,28 @@ function wasForGone(event) {
 }
 
 /**
+ * What undoes and does again in other programs means U here; null for any other key.
+ * @param {Pick<KeyboardEvent, "key" | "code" | "ctrlKey" | "metaKey" | "altKey" | "shiftKey"
+ *   | "repeat">} event
+ */
+export function undoKey({ key, code, ctrlKey, metaKey, altKey, shiftKey, repeat }) {
+  const letter = letterOf({ key, code });
+  if (ctrlKey === metaKey || altKey || !["KeyZ", "KeyY"].includes(letter)) return null;
+  return { key: "u", code: "KeyU", shiftKey: shiftKey || letter === "KeyY", repeat };
+}
+
+/**
  * Every key of the page that nothing else uses goes to `take`, which says whether it meant
  * something. The same question is returned for frames that hand their keys up.
  * @param {(event: KeyboardEvent) => boolean} take
  */
 export function listenToKeys(take) {
-  const takes = (/** @type {KeyboardEvent} */ event) =>
-    !event.ctrlKey && !event.altKey && !event.metaKey && !focusUses(event)
-    && (wasForGone(event) || take(event));
+  const takes = (/** @type {KeyboardEvent} */ event) => {
+    const undo = undoKey(event);
+    const bare = !event.ctrlKey && !event.altKey && !event.metaKey;
+    return (bare || undo !== null) && !focusUses(event)
+      && (wasForGone(event) || take(undo ? new KeyboardEvent(event.type, undo) : event));
+  };
   for (const type of /** @type {const} */ (["keydown", "keyup"])) {
     window.addEventListener(type, (event) => {
       if (takes(event)) event.preventDefault();

@@ -1,8 +1,9 @@
 // Pan and zoom, the same in every pane: which part of a layer is shown, and what the pointer does.
 import { byId, element, first } from "./words.js";
 
-// design: pixels a hand moves by itself while it clicks.
-const STILL_PX = 4;
+// design: pixels that a press moves by itself: less than one of the coarser picture as it is first
+// shown, so that nobody pans so little; a finger rolls by 8, as Android has it.
+const STILL_PX = { mouse: 2, finger: 8 };
 // design: a hand that holds the picture longer wants to move it, and has not.
 const CLICK_MS = 1000;
 // design: longer than between two presses of a key, shorter than a thought.
@@ -185,6 +186,13 @@ export const paneElement = (name) => element("div", { class: `${name} pane` },
 export const isClick = ({ button, timeStamp }, down) =>
   button === 0 && down.button === 0 && timeStamp - down.since < CLICK_MS;
 
+/**
+ * True while a press has not become a drag.
+ * @param {Pair} from @param {Pair} to @param {string} pointer what presses
+ */
+export const isStill = (from, to, pointer) => Math.hypot(to[0] - from[0], to[1] - from[1])
+  <= (pointer === "mouse" ? STILL_PX.mouse : STILL_PX.finger);
+
 /** @typedef {{ at: Pair, since: number, button: number, moved: boolean, grips: boolean }} Down */
 
 /** A picture with marks over it: a drag moves the picture or a mark, the wheel zooms. */
@@ -253,7 +261,7 @@ export class Pane {
     room.addEventListener("pointermove", (event) => {
       if (!ready()) return;
       const at = screenOf(event);
-      if (down && !down.moved && Math.hypot(at[0] - down.at[0], at[1] - down.at[1]) > STILL_PX) {
+      if (down && !down.moved && !isStill(down.at, at, event.pointerType)) {
         Object.assign(down, { moved: true, at });
       }
       if (down?.moved && down.grips) hand.drag?.(this, at);
@@ -268,9 +276,10 @@ export class Pane {
     room.addEventListener("pointerup", (event) => {
       room.classList.remove("panning");
       if (!down) return;
+      const at = screenOf(event);
       if (down.moved && down.grips) hand.drop?.(this);
-      else if (!down.moved && isClick(event, down)) {
-        (down.grips ? hand.tap : hand.click)?.(this, screenOf(event));
+      else if (!down.moved && isClick(event, down) && isStill(down.at, at, event.pointerType)) {
+        (down.grips ? hand.tap : hand.click)?.(this, at);
       }
       hand.drag?.(this, null);
       down = null;
