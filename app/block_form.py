@@ -2,7 +2,7 @@
 
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -88,7 +88,13 @@ class BlockForm:
             return FormRead([], Judged("", {"": error.told}, ()), frozenset({""}))
         given = proposed if document is None else document.values
         known = {} if document is None else given
-        sections = [_section(name, known, proposed) for name in _tables(given)]
+        # As if nothing of it were there: what is filled in is no less required.
+        needed = {
+            key
+            for out in ({"reference": {}}, {"reference": {"ortho": ""}})
+            for key in missing_reference(given | out, brought=False)
+        }
+        sections = [_section(name, known, proposed, needed) for name in _tables(given)]
         base = Document(self.file, toml_of(recognition)) if document is None else document
         files = dict(_files(base))
         return FormRead(
@@ -216,7 +222,9 @@ def _tables(values: Mapping[str, Any]) -> Iterator[str]:
             yield f"camera.{camera}"
 
 
-def _section(name: str, given: Mapping[str, Any], proposed: Mapping[str, Any]) -> dict[str, Any]:
+def _section(
+    name: str, given: Mapping[str, Any], proposed: Mapping[str, Any], needed: Collection[str]
+) -> dict[str, Any]:
     """A table of the form with what its fields hold."""
     like = name if not name.startswith("camera.") else f"camera.{CAMERA}"
     fields: list[dict[str, Any]] = []
@@ -230,7 +238,8 @@ def _section(name: str, given: Mapping[str, Any], proposed: Mapping[str, Any]) -
         fields.append(
             {
                 "key": key.name, "kind": key.kind, "value": value, "known": known,
-                "default": key.default, "required": key.required, "range": unit,
+                "default": key.default, "range": unit,
+                "required": key.required or (name == "reference" and key.name in needed),
                 "choices": list(key.choices), "count": key.count, "more": key.asked == "more",
             }
         )  # fmt: skip

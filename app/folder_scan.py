@@ -2,8 +2,9 @@
 
 import csv
 import os
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast
 
@@ -29,6 +30,8 @@ OWN = frozenset({"results", "truth", "session.gpkg", "seams.gpkg"})
 """Names that Gruber itself writes."""
 DEPTH = 4
 """How many folders deep to look."""
+FEW = 5
+"""Rasters of a folder that are looked at to see whether it holds scans."""
 SMALLEST_SIDE_PX = 400
 """Scans smaller than this are previews."""
 _ORTHO_WORDS = ("orto", "ortho", "ofoto", "dop")
@@ -134,6 +137,17 @@ def find(folder: Path) -> Findings:
     return look_at(list(_files(folder)))
 
 
+def folders_of_scans(folder: Path) -> list[str]:
+    """Folders in a folder that hold scans; of many rasters the first few tell."""
+    found: list[str] = []
+    for place in sorted(path for path in folder.iterdir() if path.is_dir()):
+        rasters = (path for path in _files(place) if path.suffix.lower() in RASTERS)
+        looked = () if _passed_over(place) else look_at(list(islice(rasters, FEW))).rasters
+        if any(raster.kind == "scan" for raster in looked):
+            found.append(place.name)
+    return found
+
+
 def look_at(files: list[Path]) -> Findings:
     """Look into files."""
     unreadable: list[Path] = []
@@ -146,6 +160,24 @@ def look_at(files: list[Path]) -> Findings:
         tuple(path for path in files if path.suffix.lower() == ".points"),
         tuple(tables),
         tuple(unreadable),
+    )
+
+
+def with_named(found: Findings, files: Iterable[Path]) -> Findings:
+    """What a folder holds, and what `block.toml` names elsewhere."""
+    known = {item.path for item in (*found.rasters, *found.layers)}
+    more = look_at([path for path in files if path not in known])
+    return replace(
+        found, rasters=(*found.rasters, *more.rasters), layers=(*found.layers, *more.layers)
+    )
+
+
+def is_plain(name: str) -> bool:
+    """True for the name of a file or folder that is one, shows, and can be written anywhere."""
+    return (
+        0 < len(name.encode()) <= 200
+        and not name.startswith(".")
+        and not any(letter in '/\\:*?"<>|' or not letter.isprintable() for letter in name)
     )
 
 

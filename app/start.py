@@ -5,9 +5,8 @@ import os
 import secrets
 import threading
 import time
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, suppress
-from dataclasses import replace
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,20 +17,25 @@ from app.folder_scan import (
     VECTORS,
     Findings,
     find,
-    look_at,
+    folders_of_scans,
+    is_plain,
+    with_named,
 )
-from app.margin import margin_reader, read_scan
+from app.margin import read_scan
 from app.new_block import Recognition, recognise_files
 from app.placing import drawn_raw
 from app.project import Project, read_project
 from app.running import Running
 from app.start_checks import Outline, checks_of, outlines_of, stages_ahead
 from core.adjustment.adjusted import AdjustmentReport
+from core.doubts import Failure
 from core.errors import PhotogrammetryError, ProjectError, ScanError, StorageError
 from core.raster.scan_file import ScanFile, ScanFiles, open_scan
 from core.said import say
+from core.scans.text_reader import installed_reader
 from sessions.atomic_write import clean_leftovers, whole_file
 from sessions.checks import judged_parts, standing_signatures, version_on_disk
+from sessions.disk import explain_disk_errors
 from sessions.remarks import standing_faults
 from sessions.session import HIDDEN, RESULTS, Session
 from ui.review.looks import page_palette
@@ -141,6 +145,7 @@ class Starting:
         self.cancel_run = self.running.cancel
         self._looked: dict[tuple[Path, int, int], ScanFile | str] = {}
         self._lock = threading.Lock()
+        self._added: set[Path] = set()
         with suppress(OSError):
             clean_leftovers(self.folder)
 
@@ -156,6 +161,7 @@ class Starting:
             form = self.form.read(recognition)
             every = with_named(found, form.files)
             scans = [self._scan(path) for path in self._scan_paths(every, form.scans)]
+            scans.sort(key=lambda scan: not scan["why"])  # those that cannot be read first
             outlines, crs = outlines_of(every, form.crs, MOST_OUTLINES)
             given = form.written
             return {
@@ -169,10 +175,9 @@ class Starting:
                 "crs": crs,
                 "outlines": [outline.part() for outline in outlines],
                 "form": form.part(),
-                "blocks": [
-                    one | block_told(self.folder / one["path"]) for one in blocks_in(self.folder)
-                ],
+                "blocks": self._blocks(),
                 "links": self._links(),
+                "added": sorted({self._top(path) for path in self._added}),
                 **self._judged(form.project, scans, outlines),
             }  # fmt: skip
 
@@ -217,7 +222,14 @@ class Starting:
                 ),
                 "Free some space, or link the folder instead of copying it.",
             )
-        return whole_file(path)
+        return self._noted(path)
+
+    @contextmanager
+    def _noted(self, path: Path) -> Generator[Path]:
+        """An upload, remembered once it is there: it may be taken out again."""
+        with whole_file(path) as temporary:
+            yield temporary
+        self._added.add(path)
 
     def place_of(self, name: str) -> Path:
         """The place of an uploaded file inside the folder.
@@ -284,10 +296,39 @@ class Starting:
         return {"linked": target.name}
 
     def unlink(self, name: str) -> dict[str, Any]:
-        """Take a link away; the files it leads to stay."""
-        if name in self._links():
-            (self.folder / name).unlink()
+        """Take away a link, whose files stay, or what was uploaded under a name.
+
+        Raises:
+            StorageError: It may not be removed.
+        """
+        added = [path for path in self._added if self._top(path) == name]
+        linked = [self.folder / name] if name in self._links() else []
+        for path in (*added, *linked):
+            with explain_disk_errors(path):
+                path.unlink(missing_ok=True)
+            self._added.discard(path)
+            for parent in path.relative_to(self.folder).parents[:-1]:
+                with suppress(OSError):  # other files are in it
+                    (self.folder / parent).rmdir()
         return {"links": self._links()}
+
+    def _top(self, path: Path) -> str:
+        """The file or folder of this folder that an uploaded file is, or lies in."""
+        return path.relative_to(self.folder).parts[0]
+
+    def _blocks(self) -> list[dict[str, Any]]:
+        """Blocks in this folder, and folders of scans beside them that may become one."""
+        found = [
+            one | {"written": True} | block_told(self.folder / one["path"])
+            for one in blocks_in(self.folder)
+        ]
+        paths = [Path(one["path"]) for one in found]
+        new = folders_of_scans(self.folder) if found else []
+        return found + [
+            {"path": name, "run": False, "written": False, **block_told(self.folder / name)}
+            for name in new
+            if not any(Path(name) in (path, *path.parents) for path in paths)
+        ]
 
     def open(self, path: str) -> dict[str, Any]:
         """Go on with this folder's desk, or with another folder.
@@ -306,7 +347,7 @@ class Starting:
         """What is written beside the picture of a scan.
 
         Raises:
-            ProjectError: There is no such scan, or what reads print is not installed.
+            ProjectError: There is no such scan.
             ScanError: The scan cannot be read.
         """
         paths = {path.stem: path for path, _, _ in self._looked}
@@ -314,11 +355,14 @@ class Starting:
             raise ProjectError(
                 self.folder, say("has no scan called {name}.", name=photo), LOOK_AGAIN
             )
+        reader = installed_reader()
+        if isinstance(reader, Failure):
+            return {"photo": photo, "fields": None}
         frames = [value for key, value in values.items() if key.endswith(".frame_mm")]
         frame_mm = frames[0] if frames and _are_sizes(frames[0], 2) else None
         pixel_um = values.get("scans.scan_pixel_um")
         known_um = pixel_um if _are_sizes([pixel_um], 1) else None
-        read = read_scan(paths[photo], margin_reader(), frame_mm, known_um)
+        read = read_scan(paths[photo], reader, frame_mm, known_um)
         return {"photo": photo, "fields": read.part()}
 
     def _recognition(self) -> Recognition:
@@ -387,15 +431,6 @@ LOOK_AGAIN = "Load the page again."
 WRITABLE = "Give yourself the right to write there."
 
 
-def with_named(found: Findings, files: Iterable[Path]) -> Findings:
-    """What a folder holds, and what `block.toml` names elsewhere."""
-    known = {item.path for item in (*found.rasters, *found.layers)}
-    more = look_at([path for path in files if path not in known])
-    return replace(
-        found, rasters=(*found.rasters, *more.rasters), layers=(*found.layers, *more.layers)
-    )
-
-
 def blocks_in(folder: Path) -> list[dict[str, Any]]:
     """Blocks below a folder, with whether they were run; none in a block's own folder."""
     if (folder / FILE).is_file():
@@ -439,15 +474,6 @@ def block_told(folder: Path) -> dict[str, Any]:
             for one in standing_signatures(decisions, now)
         ]
     return told
-
-
-def is_plain(name: str) -> bool:
-    """True for the name of a file or folder that is one, shows, and can be written anywhere."""
-    return (
-        0 < len(name.encode()) <= 200
-        and not name.startswith(".")
-        and not any(letter in '/\\:*?"<>|' or not letter.isprintable() for letter in name)
-    )
 
 
 def free_bytes(folder: Path) -> int:

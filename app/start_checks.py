@@ -82,7 +82,8 @@ def checks_of(
     checks = [*_data(project), *_scans(project, scans), *_places(project, outlines)]
     if not all(camera.fiducials_mm for camera in project.cameras.values()):
         checks.append([False, "fiducials", {}])
-    return sorted(checks, key=lambda check: not check[0])
+    # A file that cannot be read comes before what else a run would put up with.
+    return sorted(checks, key=lambda check: (not check[0], check[1] != "broken"))
 
 
 def _data(project: Project) -> list[Check]:

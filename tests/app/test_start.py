@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
+from app.folder_scan import is_plain
 from app.project import read_project
-from app.start import Starting, block_told, blocks_in, is_plain, wants_start
+from app.start import Starting, block_told, blocks_in, wants_start
+from core.doubts import Failure
 from core.errors import PhotogrammetryError, StorageError
 from sessions.checks import judged_parts, version_on_disk
 from sessions.decisions import Remark, SignBlock
@@ -148,6 +150,24 @@ def test_an_upload_is_there_whole_or_not_at_all__law(tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / "scans").iterdir()] == ["a.tif"]
 
 
+def test_what_was_added_can_be_taken_out_again_and_nothing_else__law(tmp_path: Path) -> None:
+    (tmp_path / "scans").mkdir()
+    (tmp_path / "scans" / "mine.tif").write_bytes(b"mine")
+    (tmp_path / "own.tif").write_bytes(b"own")
+    starting = Starting(tmp_path)
+    for name in ("a.txt", "scans/b.txt", "roads/c/d.txt"):
+        put(starting, name, b"abc")
+    with pytest.raises(ConnectionError):
+        broken(starting, "e.txt", ConnectionError())
+    assert starting.found()["added"] == ["a.txt", "roads", "scans"]
+    for name in ("a.txt", "scans", "roads", "own.tif", "..", "mine.tif"):
+        starting.unlink(name)
+    assert starting.found()["added"] == []
+    left = list(tmp_path.rglob("*.t*"))
+    assert sorted(path.name for path in left) == ["mine.tif", "own.tif"]
+    assert not (tmp_path / "roads").exists()
+
+
 def test_nothing_is_uploaded_through_a_link__law(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir()
     block = tmp_path / "block"
@@ -199,6 +219,11 @@ def test_broken_scans_and_a_reference_elsewhere_are_said_first__truth(data: Path
     assert [bool(one["why"]) for one in found["scans"]] == [True, False, False, False, False, False]
     checks = {name: (grave, values) for grave, name, values in found["checks"]}
     assert checks["broken"] == (False, {"count": 1, "first": scan.name})
+    # Broken ones stand first: among the scans, and among what does not stop a run.
+    assert [one["why"] != "" for one in found["scans"]] == [True] + 5 * [False]
+    told = [name for grave, name, _ in found["checks"] if not grave]
+    assert told[0] == "broken"
+    assert len(told) > 1
     assert checks["outside"][0]
     assert "fiducials" in checks
 
@@ -234,7 +259,14 @@ def test_a_folder_of_blocks_lists_them_and_opens_one__truth(
     (tmp_path / "many" / "empty").mkdir()
     starting = Starting(tmp_path / "many")
     bare = {"path": "one", "run": False, "sigma": None, "m_p": None, "open": 0, "signed": []}
+    bare |= {"written": True}
     assert starting.found()["blocks"] == [bare]
+    # Scans beside blocks, for which nobody has written a block.toml yet.
+    shutil.copytree(tiny_block / "scans", tmp_path / "many" / "new" / "scans")
+    shutil.copytree(tiny_block / "ortho", tmp_path / "many" / "shared")
+    new = bare | {"path": "new", "written": False}
+    assert starting.found()["blocks"] == [bare, new]
+    assert [one["path"] for one in blocks_in(tmp_path / "many")] == ["one"]
     assert blocks_in(tmp_path / "many" / "one") == []
     with pytest.raises(PhotogrammetryError):
         starting.open("nowhere")
@@ -277,6 +309,23 @@ def test_what_a_setting_makes_again_is_told__truth(tiny_run: Any, tmp_path: Path
         assert session.products.latest_value("walked")
 
 
+def test_what_is_required_is_marked_unless_points_do__truth(data: Path) -> None:
+    def marked() -> set[str]:
+        (reference,) = (s for s in Starting(data).found()["form"]["sections"]
+                        if s["table"] == "reference")  # fmt: skip
+        return {field["key"] for field in reference["fields"] if field["required"]}
+
+    assert marked() == {"ortho", "dem"}
+    starting = Starting(data)
+    assert starting.save(values_of(starting) | {DISTANCE: 211.59})["saved"]
+    assert marked() == {"ortho", "dem"}
+    points = {"control.points": "points.csv", "reference.ortho": None, "reference.dem": None}
+    (data / "points.csv").write_text("id,X,Y,Z\n1,1,1,1\n", encoding="utf-8")
+    starting.save(values_of(starting) | points)
+    assert "points.csv" in (data / "block.toml").read_text("utf-8")
+    assert "ortho" not in marked()
+
+
 def test_plain_names__truth() -> None:
     assert is_plain("LMSA08.1938 (2).tif")
     assert is_plain("sn\u00edmek.tif")
@@ -294,3 +343,15 @@ def test_the_margin_of_a_scan_is_told_and_writes_nothing__truth(tmp_path: Path) 
     assert [path.name for path in tmp_path.iterdir()] == ["0001.tif"]
     with pytest.raises(PhotogrammetryError, match="no scan called 0002"):
         starting.margin("0002", {})
+
+
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+def test_where_nothing_reads_print_it_is_told_as_that__truth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page asked for a terminal."""
+    monkeypatch.setattr("app.start.installed_reader", lambda: Failure("not installed"))
+    scan_with_print(tmp_path / "0001.tif", "bottom")
+    starting = Starting(tmp_path)
+    starting.found()
+    assert starting.margin("0001", {}) == {"photo": "0001", "fields": None}

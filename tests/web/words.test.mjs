@@ -21,6 +21,11 @@ test("numbers have a real minus, a narrow space before the unit, a dash for none
   assert.equal(number(undefined, 1), "\u2013");
 });
 
+test("quotes of commands for a terminal are left out__truth", () => {
+  assert.equal(again("Make it with `gruber new`."), "Make it with gruber new.");
+  assert.equal(again({ said: "Did you mean `{a}`?", values: { a: "b" } }), "Did you mean b?");
+});
+
 test("what the engine quotes is quoted__truth", () => {
   const told = { said: "must be a number, not {value!r}.", values: { value: "abc" } };
   assert.equal(again(told), "must be a number, not 'abc'.");

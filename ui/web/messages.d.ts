@@ -569,9 +569,11 @@ interface Found {
   outlines: { kind: string; name: string; crs: string; corners: Pair[] }[];
   form: Form;
   /** Figures of the last report; verdicts with whether they still hold. */
-  blocks: { path: string; run: boolean; sigma: number | null; m_p: number | null; open: number;
+  blocks: { path: string; run: boolean; written: boolean; sigma: number | null; m_p: number | null; open: number;
     signed: [who: string, verdict: string, holds: boolean][] }[];
   links: string[];
+  /** Files and folders that were uploaded to this page. */
+  added: string[];
   checks: [grave: boolean, name: string, values: Record<string, unknown>][];
   /** Stages that a run would make again. */
   ahead: string[];

@@ -13,6 +13,10 @@ const state = {
   uploads: /** @type {Upload[]} */ ([]),
   sending: /** @type {XMLHttpRequest | null} */ (null),
   tab: "film",
+  /** What a hand has changed is being checked; and it is another than the file has. */
+  checking: false,
+  touched: false,
+  judged: /** @type {Judged} */ ({ errors: {}, missing: [], ready: false }),
 };
 
 async function load() {
@@ -20,7 +24,7 @@ async function load() {
   if (!answer.ok) return lookAgain();
   const found = await answer.json();
   if (found.error) return tell(found.error, true);
-  state.found = found;
+  Object.assign(state, { found, touched: false });
   show();
 }
 
@@ -29,7 +33,7 @@ function show() {
   if (!found) return;
   showScans(found.scans);
   drawMap(byId("map"), found);
-  showForm(found.form, judgeSoon);
+  showForm(found.form, changed);
   renew(byId("files"), ...folderPart(found), ...dropPart(),
     element("div", { id: "holdings" }, ...holdings(found)));
   showGo(found.form);
@@ -48,7 +52,8 @@ function folderPart({ folder, blocks }) {
 }
 
 /** @param {Found["blocks"][number]} block */
-function blockTold({ run: walked, sigma, m_p: mp, open: faults, signed }) {
+function blockTold({ run: walked, written, sigma, m_p: mp, open: faults, signed }) {
+  if (!written) return [word("start.block.new")];
   if (!walked) return [word("start.block.unrun")];
   return [word("start.block.run"),
     ...sigma === null ? [] : [word("start.block.sigma", { value: number(sigma, 2) })],
@@ -86,7 +91,7 @@ function uploadLine({ name, share, why }) {
 }
 
 /** @param {Found} found */
-function holdings({ found, gaps, notes, links }) {
+function holdings({ found, gaps, notes, links, added }) {
   const line = (/** @type {string} */ kind, /** @type {string} */ sign,
     /** @type {(Node | string)[]} */ ...said) => element("li", { class: kind },
     element("i", {}, sign), element("span", {}, ...said));
@@ -98,16 +103,22 @@ function holdings({ found, gaps, notes, links }) {
   const lacks = lacking.map(([name, out]) => line(out === "nothing" ? "needs" : "lacks",
     out === "nothing" ? "\u2717" : "!", word(`gap.${name}`),
     element("small", {}, word(`gap.out.${out}`))));
-  const remarks = notes.map(([name, values]) =>
-    line("lacks", "!", word(`found.note.${name}`, values)));
-  const linked = links.map((name) => line("have", "\u2192", `${name} `,
-    element("button", { class: "small", disabled: start.guest, onclick: () => unlink(name) },
-      word("start.unlink"))));
+  const noted = (/** @type {boolean} */ broken) =>
+    notes.filter(([name]) => (name === "unreadable") === broken)
+      .map(([name, values]) => line(broken ? "needs" : "lacks", broken ? "\u2717" : "!",
+        word(`found.note.${name}`, values)));
+  const away = (/** @type {string} */ name, /** @type {string} */ sign,
+    /** @type {string} */ act) => line("have", sign, `${name} `, element("button",
+    { class: "small", "data-away": name, disabled: start.guest, onclick: () => unlink(name) },
+    word(act)));
+  const linked = links.map((name) => away(name, "\u2192", "start.unlink"));
+  const own = added.map((name) => away(name, "+", "start.remove"));
   const list = (/** @type {string} */ title, /** @type {Node[]} */ lines) =>
     (lines.length ? [element("h2", {}, word(title)), element("ul", { class: "holds" }, ...lines)]
       : []);
-  return [...list("start.found", have), ...list("start.missing", lacks),
-    ...list("start.notes", remarks), ...list("start.links", linked)];
+  return [...list("start.broken", noted(true)), ...list("start.found", have),
+    ...list("start.missing", lacks), ...list("start.notes", noted(false)),
+    ...list("start.links", linked), ...list("start.added", own)];
 }
 
 /** @param {string} name */
@@ -226,9 +237,19 @@ async function link(path) {
   load();
 }
 
-const judgeSoon = afterPause(async () => {
+function changed() {
   if (start.guest) return;
-  const answer = await post("/form/judge", { values: formValues() });
+  Object.assign(state, { checking: true, touched: true });
+  showGo(state.judged);
+  judgeSoon();
+}
+
+const judgeSoon = afterPause(async () => {
+  const values = formValues();
+  const answer = await post("/form/judge", { values });
+  // What was written meanwhile is judged next.
+  if (JSON.stringify(values) !== JSON.stringify(formValues())) return;
+  state.checking = false;
   if (!answer.ok) return tell(answer.error, true);
   fillFields(answer);
   if (state.found) state.found.ahead = answer.ahead;
@@ -237,10 +258,13 @@ const judgeSoon = afterPause(async () => {
 });
 
 /** What is missing, what was checked, and the buttons. @param {Judged} judged */
-function showGo({ missing, errors, ready }) {
-  const { found } = state;
+function showGo(judged) {
+  state.judged = judged;
+  const { found, checking, touched } = state;
+  const { missing, errors, ready } = judged;
   const { state: now } = runNow();
-  const checks = (ready && found?.checks) || [];
+  // Checks are of the file: what was changed since is checked when it is saved, before a run.
+  const checks = (ready && !touched && found?.checks) || [];
   const stops = checks.some(([grave]) => grave);
   const said = checks.map(([grave, name, values]) =>
     element("li", { class: grave ? "needs" : "lacks" }, element("i", {}, grave ? "\u2717" : "!"),
@@ -256,7 +280,8 @@ function showGo({ missing, errors, ready }) {
     /** @type {object} */ more = {}) => element("button",
     { type: "button", "data-act": name, disabled: start.guest, onclick, ...more }, word(name));
   const running = now === "running" || now === "done";
-  renew(byId("go"), ...whole, ...lacks,
+  const busy = checking ? [element("p", { class: "muted" }, word("start.checking"))] : [];
+  renew(byId("go"), ...busy, ...whole, ...lacks,
     element("ul", { class: "holds" }, ...said), ...ahead,
     element("div", { class: "acts" },
       running ? act("remake.cancel", cancelRun)

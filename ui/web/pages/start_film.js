@@ -25,6 +25,8 @@ const state = {
   /** What was read beside the pictures, by photo. @type {Record<string, MarginField[]>} */
   read: {},
   reading: "",
+  /** What reads print is not installed. */
+  missing: false,
 };
 const redraw = oncePerFrame(draw);
 
@@ -70,8 +72,9 @@ async function readMargin() {
   showMargin();
   const answer = await post("/margin", { photo: scan.photo, values: formValues() });
   state.reading = "";
-  if (answer.ok) state.read[scan.photo] = answer.fields;
-  else tell(answer.error, true);
+  state.missing = answer.ok && !answer.fields;
+  if (answer.ok && answer.fields) state.read[scan.photo] = answer.fields;
+  else if (!answer.ok) tell(answer.error, true);
   showMargin();
 }
 
@@ -86,7 +89,8 @@ function showMargin() {
     field.key ? element("button", { type: "button", class: "small", "data-use": field.key,
       onclick: () => fillIn(field.key, field.value) }, word("margin.use")) : null));
   const said = reading ? word("margin.reading", { scan: shortName(reading) })
-    : fields && !fields.length ? word("margin.nothing") : "";
+    : fields && !fields.length ? word("margin.nothing")
+      : state.missing ? word("margin.missing") : "";
   renew(byId("margin"), ...(said ? [element("p", { class: "muted" }, said)] : []),
     ...(parts?.length ? [element("ul", {}, ...parts)] : []));
   redraw();
@@ -130,7 +134,10 @@ function thumbPart(scan) {
 
 /** @param {FoundScan} scan */
 function choose(scan) {
-  if (!scan.size) return;
+  if (!scan.size) {
+    const why = `${scan.file}: ${again(scan.why)}`;
+    return renew(byId("margin"), element("p", { class: "doubted" }, why));
+  }
   state.scan = scan;
   look(state.side);
   showMargin();

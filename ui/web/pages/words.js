@@ -13,8 +13,11 @@ const COORDINATES = /^([A-Za-z]*)(-?\d{5,})_(-?\d{5,})$/;
 /** @param {string} key @param {Record<string, unknown>} values @returns {string} */
 export const word = (key, values = {}) => filled(start.words[key] ?? key, values);
 
-/** What the engine said, in the language of the page. @param {Told} told @returns {string} */
-export const again = (told) => (typeof told === "string" ? start.messages[told] ?? told
+/**
+ * What the engine said, in the language of the page; a terminal's quotes of commands are none here.
+ * @param {Told} told @returns {string}
+ */
+export const again = (told) => (typeof told === "string" ? filled(start.messages[told] ?? told, {})
   : filled(start.messages[told.said] ?? told.said, told.values));
 
 /** A key as the language calls it. @param {string} key */
@@ -24,10 +27,11 @@ export const keyName = (key) => start.words[`key.${key}`] ?? key;
  * A sentence with its places filled.
  * @param {string} text @param {Record<string, unknown>} values @returns {string}
  */
-const filled = (text, values) => text.replace(PLACE, (whole, name, quoted, format = "") => {
-  if ((values[name] ?? null) === null) return whole;
-  return quoted ? `'${placed(values[name], format)}'` : placed(values[name], format);
-});
+const filled = (text, values) => text.replaceAll("`", "")
+  .replace(PLACE, (whole, name, quoted, format = "") => {
+    if ((values[name] ?? null) === null) return whole;
+    return quoted ? `'${placed(values[name], format)}'` : placed(values[name], format);
+  });
 
 /**
  * One place of a sentence.
