@@ -322,10 +322,10 @@ class Starting:
             one | {"written": True} | block_told(self.folder / one["path"])
             for one in blocks_in(self.folder)
         ]
-        paths = [Path(one["path"]) for one in found]
+        paths = [Path(str(one["path"])) for one in found]
         new = folders_of_scans(self.folder) if found else []
         return found + [
-            {"path": name, "run": False, "written": False, **block_told(self.folder / name)}
+            {**block_told(self.folder / name), "path": name, "run": False, "written": False}
             for name in new
             if not any(Path(name) in (path, *path.parents) for path in paths)
         ]
