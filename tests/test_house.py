@@ -260,6 +260,13 @@ def test_the_manual_is_short__law() -> None:
     assert len(words) <= MOST_WORDS
 
 
+def test_figures_of_the_demo_stand_in_the_notebook_alone__law() -> None:
+    """The manual promised other figures than the demo prints."""
+    figure = r"(?:sigma nought|m_p) (?:of |is |= ?)?\d|\d+ (?:of \d+ )?control (?:measure|point)"
+    for name in ("README.md", "docs/index.md", "docs/first-block.md"):
+        assert not re.search(figure, text_of(name)), name
+
+
 def test_keys_in_the_manual_are_those_of_the_desk__law() -> None:
     rows = table_under("docs/review-desk.md", "## Keys")
     told = {row[0].strip("`"): row[1].split(":")[0].split(" in the queue")[0] for row in rows}

@@ -108,12 +108,16 @@ def test_quality_is_printed_light_with_date_operator_and_version__truth(sit):
     page.evaluate(
         """addEventListener("beforeprint", () => {
              const line = document.querySelector("#quality .printed");
-             window.paper = [document.documentElement.dataset.theme, line.textContent];
+             window.paper = [document.documentElement.dataset.theme, line.textContent,
+               ...[".printed", ".signed"].map(one =>
+                 document.querySelector(`#quality ${one}`).checkVisibility())];
            })"""
     )
+    page.emulate_media(media="print")
     page.pdf(print_background=True)
-    theme, line = page.evaluate("window.paper")
+    theme, line, *seen = page.evaluate("window.paper")
     assert theme == "light"
+    assert seen == [True, True]
     told = f"Printed {page.evaluate('new Date().toISOString().slice(0, 10)')}"
     assert line.startswith(told)
     assert line.endswith(f"UTC by anna, Gruber {version('gruber')}")
@@ -287,9 +291,10 @@ def test_kinds_beside_points_have_a_queue_and_say_when_it_is_empty__law(sit):
 
 
 def test_a_toggle_shows_that_it_is_on_under_the_pointer_too__law(sit):
-    page = sit(scene=False)
+    page, on = sit(scene=False), set()
     look = "b => getComputedStyle(b).backgroundColor"
-    for name in ('[data-act="wallis"]', '[data-layer="ties"]'):
+    toggles = "mode=swipe", "mode=blend", "act=wallis", "layer=ties"
+    for name in (f"button[data-{toggle}]" for toggle in toggles):
         button = page.locator(name)
         if "layer" in name:
             grow(page, "block")
@@ -299,6 +304,23 @@ def test_a_toggle_shows_that_it_is_on_under_the_pointer_too__law(sit):
         button.click()
         page.wait_for_function("n => document.querySelector(n).ariaPressed === 'true'", arg=name)
         assert button.evaluate(look) != off
+        on.add(button.evaluate(look))
+    assert len(on) == 1, "toggles of the layers had a style of their own"
+
+
+def test_what_a_button_says_is_what_its_hint_says__law(sit):
+    """The hint spoke of orthos while the button wrote results."""
+    page, texts = sit(scene=False), words()
+    hint = """async changes => {
+      const { showStatus } = await import("/pages/status.js");
+      showStatus({ ...gruber.parts.status, ...changes });
+      const { textContent, title } = document.getElementById("remake-start");
+      return [textContent, title];
+    }"""
+    photo = page.evaluate("gruber.parts.rows[0][1]")
+    for stale, name in (([], "remake.write"), ([photo], "remake")):
+        shown = page.evaluate(hint, {"stale": stale, "written": False})
+        assert shown == [texts[name], texts[f"{name}.tip"]]
 
 
 def test_the_wipe_line_is_dragged_in_the_picture_and_places_nothing__law(sit):

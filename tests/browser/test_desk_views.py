@@ -206,6 +206,18 @@ def test_two_places_clicked_in_photo_and_ortho_are_saved__truth(unplaced, chromi
     page.goto(unplaced.url)
     page.wait_for_function("window.gruber?.place().scan")
     photo_id = page.evaluate("gruber.place().scan.photo")
+    # The ortho is fitted into its pane, without what its last tile has beyond it.
+    west, south, east, north = tiny_run.reference.ortho.bounds
+    pane = page.locator('.pane[data-pane="ortho"]').bounding_box()
+    corners = [(west, north), (east, south)]
+    (left, top), (right, low) = page.evaluate(
+        "places => places.map(place => gruber.toScreen('ortho', place))", corners
+    )
+    seen = (
+        (min(right, pane["width"]) - max(left, 0)) / pane["width"],
+        (min(low, pane["height"]) - max(top, 0)) / pane["height"],
+    )
+    assert max(seen) > 0.9
     photo, camera = tiny_run.photos[photo_id], tiny_run.truth.camera
     pixels = np.array([[450.0, 480.0], [640.0, 600.0], [480.0, 650.0]])
     heights = np.full(3, tiny_run.reference.dem.mean_height())

@@ -5,7 +5,8 @@ import test from "node:test";
 import { start } from "../../ui/web/pages/words.js";
 import { windowOf } from "../../ui/web/pages/fiducial.js";
 import {
-  drawLayer, fetchAhead, groundFromLayer, layerFromGround, levelFor, onTile, rawLayer, scanLayer,
+  drawLayer, fetchAhead, groundFromLayer, layerFromGround, levelFor, onTile, orthoLayer, rawLayer,
+  scanLayer,
 } from "../../ui/web/pages/tiles.js";
 
 start.edition = "today";
@@ -125,6 +126,9 @@ test("beyond its extent a layer draws nothing__truth", () => {
   const layer = { ...LAYER, extent: [300, 200] };
   drawLayer(contextFor([], cuts), layer, { x: 100, y: 50, scale: 2 }, SIZE);
   assert.deepEqual(cuts, [[-200, -100, 600, 400]]);
+  // The ortho ends where its files do, not where its last tile does.
+  Object.assign(start.lattice, { width: 1300, height: 900 });
+  assert.deepEqual(orthoLayer(false).extent, [1300, 900]);
 });
 
 test("a tile of a scan that is not there is drawn no more, and the view is whole__law", () => {

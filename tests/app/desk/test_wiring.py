@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import threading
 from dataclasses import replace
 
 import pytest
@@ -9,6 +10,8 @@ import pytest
 from app.desk.wiring import open_desk
 from core.errors import PhotogrammetryError
 from tests.ui.desk_block import desk_inputs, tiny_block
+from ui.review.tiles import CoarseOrtho
+from ui.views.server import SceneServer
 
 
 @pytest.fixture
@@ -43,6 +46,21 @@ def test_a_page_is_told_what_it_needs_once__law(inputs):
     west, south, east, north = inputs.ortho.bounds
     assert (start["lattice"]["width"], start["lattice"]["height"]) == (east - west, north - south)
     assert (start["results"], start["free"]) == (False, False)
+
+
+def test_the_scene_has_its_ground_before_the_ortho_is_read__law(inputs, monkeypatch):
+    """It stayed black for seconds."""
+    laid, before, begun = [], [], threading.Event()
+
+    def prepared(_):
+        before.extend(laid)
+        begun.set()
+
+    monkeypatch.setattr(CoarseOrtho, "prepare", prepared)
+    monkeypatch.setattr(SceneServer, "drape", lambda _, ground: laid.append(ground))
+    with open_desk(inputs):
+        assert begun.wait(60)
+    assert [ground[:4] for ground in before] == [b"glTF"]
 
 
 def test_a_port_that_is_taken_is_told_with_the_remedy__law(inputs, tmp_path):

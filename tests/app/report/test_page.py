@@ -132,12 +132,20 @@ def test_residuals_are_drawn_by_size_by_place_and_by_photo_with_what_correlates_
     residuals, text = figures["residuals"], text_of(page)
     assert residuals["histograms"]
     assert residuals["trends"]
+    assert set(residuals["trends"]) == {"radius", "height"}
     assert list(residuals["films"]) == [row["scan"] for row in figures["exterior"]]
+    assert page.count('class="film"') == len(residuals["films"])
     for kind, bars in residuals["histograms"].items():
         assert re.sub(r"\s", " ", TELL(f"report.histogram.{kind}", **bars)) in text
     for kind in residuals["trends"]:
         assert TELL(f"report.trend.{kind}") in text
-    assert TELL("head.correlation") in text
+    for name in ("report.strips", "head.ground-pixel", "head.correlation"):
+        assert TELL(name) in text
+    for row in figures["exterior"]:
+        assert f"{row['ground_pixel_m']:.2f}" in text
+    pairs = [one for one in figures["parameters"] if one["partner"]]
+    assert pairs
+    assert all(f"{abs(one['correlation']):.2f}" in text for one in pairs[:20])
 
 
 def test_headings_say_the_finding__truth(written):

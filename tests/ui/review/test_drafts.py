@@ -39,5 +39,6 @@ def test_a_place_by_hand_has_no_score_but_a_peak_and_a_refined_one_have__truth(s
     }
     assert [by_hand(one) for one in drafted.values()] == [True, False, False]
     assert drafted[refined].sigma_px == measured.sigma_px
+    assert drafted[refined].score == measured.score
     assert drafted[peak].column == measured.peaks[1].column
     assert state.block.measurements[key] is measured

@@ -254,6 +254,21 @@ def test_a_ray_to_a_point_makes_it_current__truth(desk, seat):
     assert found.seat.current[0] == key[0]
 
 
+def test_a_point_picked_in_3d_is_a_row_of_the_queue__law(desk, seat):
+    """A point that is not in use was shown as one of none, and no row was marked."""
+    block = desk.state.oriented
+    unused = {
+        point
+        for point, keys in desk.table.by_point.items()
+        if all(desk.rows[key].state == "unused" for key in keys)
+    }
+    target = block.surveyed[min(unused)].position - block.origin
+    eye = target + np.array([0.0, 0.0, 900.0])
+    found = outcome_of(Aimed(seat.seat_id, "pick", tuple(eye), (0.0, 0.0, -1.0)), seat, desk).seat
+    assert found.current[0] in unused
+    assert found.current in visible(desk.rows, found)
+
+
 def test_a_ray_through_a_frustum_shows_that_photo__truth(desk, seat):
     block = desk.state.oriented
     for photo_id, photo in block.photos.items():

@@ -69,9 +69,11 @@ function showMaking({ remaking, stale, written }) {
   byId("stale").textContent = remaking ? "" : said;
   byId("stale").title = [said, stale.map(shortName).join(", ")].filter(Boolean).join(": ");
   byId("stale").classList.toggle("some", old || !written);
-  byId("remake-start").hidden = remaking !== null;
-  byId("remake-start").disabled = !old && written;
-  byId("remake-start").replaceChildren(word(old || written ? "remake" : "remake.write"));
+  const name = old || written ? "remake" : "remake.write";
+  const button = byId("remake-start");
+  Object.assign(button, { hidden: remaking !== null, disabled: !old && written,
+    title: word(`${name}.tip`) });
+  button.replaceChildren(word(name));
   byId("remake-cancel").hidden = remaking === null;
   byId("making").hidden = remaking === null;
   if (!remaking) return;
@@ -79,6 +81,6 @@ function showMaking({ remaking, stale, written }) {
   byId("remake-cancel").disabled = cancelling;
   /** @type {HTMLElement} */ (byId("making-share").firstChild).style.width = `${100 * share}%`;
   const time = left === null ? "" : word("remake.left", { seconds: Math.ceil(left) });
-  const name = start.words[`remake.${what}`] ?? shortName(what);
-  byId("making-what").textContent = [name, time].filter(Boolean).join(" \u00b7 ");
+  const made = start.words[`remake.${what}`] ?? shortName(what);
+  byId("making-what").textContent = [made, time].filter(Boolean).join(" \u00b7 ");
 }
