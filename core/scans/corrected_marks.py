@@ -236,7 +236,11 @@ def fill_marks(
     fill = _filled if camera.fiducials_mm else _estimated
     filled = fill(films, found, camera, pixels_mm)
     if isinstance(filled, FilledMarks) and not any(filled.found.values()):
-        return Failure("nothing else is like it")
+        known = set(camera.fiducials_mm)
+        whole = known and all(known <= set(film.interior.names) for film in films.values())
+        return Failure(
+            "every mark of these scans is measured already" if whole else "nothing else is like it"
+        )
     return filled
 
 

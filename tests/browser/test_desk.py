@@ -361,6 +361,8 @@ def test_a_draft_waits_is_asked_about_and_kept_or_dropped__law(sit, tmp_path):
     assert page.text_content('[data-figure="score"] span:last-child') == words()["peak.hand"]
     page.keyboard.press("Escape")
     page.wait_for_function("!gruber.parts.point.draft")
+    # What is hidden is read out all the same.
+    assert page.text_content("#keep") == ""
     click_beside(page)
     page.wait_for_function("gruber.parts.point.draft")
     page.keyboard.press("j")

@@ -1,9 +1,13 @@
 """Where things lie on the desk: nothing cut off at any width, large pictures, one part for all."""
 
+import io
+
+import numpy as np
 import pytest
+from PIL import Image
 
 from tests.browser.conftest import SIZE
-from tests.browser.hands import becomes, current, grow
+from tests.browser.hands import becomes, caught_up, current, grow
 from ui.words.catalogue import words
 
 SIZES = ((1366, 768), (1440, 900), (1600, 1000), (1920, 1080), (2560, 1440), (3840, 2160))
@@ -95,6 +99,18 @@ def test_the_status_line_has_room_for_all_that_it_may_say__law(sit, language):
     page.evaluate("words => { window.words = words; }", words(language))
     page.evaluate(BUSY)
     assert page.evaluate(CUT_OFF) == []
+
+
+def test_the_ring_about_the_queue_that_has_the_focus_is_whole__law(sit):
+    page = sit(scene=False)
+    page.focus("#table")
+    page.keyboard.press("ArrowDown")
+    caught_up(page)
+    box = page.locator("#table").bounding_box()
+    picture = page.screenshot(clip={**box, "width": 1})
+    with Image.open(io.BytesIO(picture)) as image:
+        side = np.asarray(image.convert("RGB"))[2:-2, 0]
+    assert np.ptp(side.astype(int), axis=0).max() < 10
 
 
 def test_the_sheet_of_keys_begins_at_its_beginning__law(sit):

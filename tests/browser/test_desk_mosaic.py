@@ -147,6 +147,11 @@ def test_axe_finds_nothing_on_the_mosaic_and_all_fits_a_small_screen__oracle(
     for wide in ("#mosaic header", "#mosaic aside"):
         room = page.locator(wide)
         assert room.evaluate("room => room.scrollWidth <= room.clientWidth"), wide
+    # What draws stays in sight however far the lists below it are scrolled.
+    room = page.locator("#mosaic aside")
+    assert room.evaluate("room => { room.scrollTo(0, 1e6); return room.scrollTop; }") > 50
+    top = room.bounding_box()["y"]
+    assert top <= page.locator("[data-tool=line]").bounding_box()["y"] < top + 20
 
 
 def seam_of(page: Any) -> tuple[str, str, list[float]]:

@@ -96,6 +96,8 @@ def test_the_board_shows_films_and_the_map_shows_photos__truth(real_desk, sit_at
     page.keyboard.press("i")
     loaded = "[...document.querySelectorAll('#board .mark img')].filter(i => i.naturalWidth).length"
     page.wait_for_function(f"{loaded} > 4")
+    count = page.evaluate("gruber.boardState().found.photos.flatMap(row => row.why).length")
+    assert f"{count} remark" in page.inner_text("#board header")
     page.click('[data-tab="film"]')
     assert page.locator("#board svg.film").count() == 2
     page.keyboard.press("Escape")

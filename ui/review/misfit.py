@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from core.adjustment.adjusted import AdjustmentReport
-from core.block import Measurement, Photo, SurveyedPoint
+from core.block import Block, Measurement, Photo, SurveyedPoint
 from core.geometry.camera import Camera
 from ui.review.state import DeskState, Key
 
@@ -49,8 +49,11 @@ def misfits(
     """
     told = report or state.report
     block, oriented = state.block, told.block
+    alone = _alone(block)
     by_photo: dict[str, list[tuple[Measurement, SurveyedPoint]]] = {}
     for key in block.measurements if keys is None else keys:
+        if key in alone:
+            continue
         measurement, point = state.measurement_of(key), state.point_of(key[0])
         if measurement is not None and point is not None and key[1] in oriented.photos:
             by_photo.setdefault(key[1], []).append((measurement, point))
@@ -65,6 +68,20 @@ def misfits(
         if one.key in found and here and there and _place(here) == _place(there):
             found[one.key] = replace(found[one.key], ratio=one.test)
     return found
+
+
+def _alone(block: Block) -> set[Key]:
+    """Measurements of new points that no other photo measures.
+
+    They place their point themselves, so that nothing is known of their misfit.
+    """
+    rays: dict[str, list[Key]] = {
+        name: [] for name, point in block.surveyed.items() if point.role == "new"
+    }
+    for key, item in block.measurements.items() if rays else ():
+        if key[0] in rays and item.used:
+            rays[key[0]].append(key)
+    return {keys[0] for keys in rays.values() if len(keys) == 1}
 
 
 def controllability(state: DeskState) -> Mapping[Key, float]:

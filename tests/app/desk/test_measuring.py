@@ -286,6 +286,12 @@ def test_scans_that_were_oriented_keep_their_marks__law(given: Any):
     assert (decision.places_mm, decision.sigma_mm) == ({}, 0.0)
 
 
+def test_with_every_certified_mark_in_use_the_search_says_so__law(given: Any):
+    inputs, _ = given
+    _, notice = filled(inputs, snapshot(inputs), as_found(inputs.initial.films))
+    assert notice.values == {"why": "every mark of these scans is measured already"}
+
+
 def test_what_a_person_said_goes_before_what_was_filled__law(given: Any):
     inputs, _ = given
     bare = without_marks(inputs)

@@ -9,9 +9,12 @@ from hypothesis import strategies as st
 from sessions.decisions import AddPoint, Place, Recorded, Withdraw
 from sessions.replay import replay
 from tests.ui.user_points import measuring_snapshot, true_pixel
+from ui.review.drafts import apply_draft
 from ui.review.gestures import Dropped, Judged, PlacedInScan
+from ui.review.misfit import misfits
 from ui.review.new_points import UNKNOWN, act_of, name_after, next_name, with_begun
 from ui.review.outcome import outcome_of
+from ui.review.pages import seat_point
 from ui.review.queue import keep_seat_up, seat_down
 from ui.review.state import QueueFilter, Seat
 
@@ -56,6 +59,20 @@ def test_who_drafts_a_point_alone_has_its_rows_and_keeps_it_with_its_place__law(
     kept = outcome_of(Judged("seat-1", seat.current, "accept"), seat, there)
     assert kept.decisions == (added, Place("N001", photo, *place.tolist()))
     assert not kept.seat.drafts
+
+
+def test_nothing_is_known_of_a_new_points_misfit_before_a_second_photo__law(desk):
+    seat, _, photo, place = clicked(desk)
+    (draft,) = seat.drafts
+    there = with_begun(desk, seat)
+    assert draft.key not in misfits(apply_draft(there.state, draft), (draft.key,))
+    figures = seat_point(seat, there)["figures"]
+    assert (figures["ratio"], figures["misfit"]) == (None, None)
+    other = next(key for key in there.rows if key[0] == "N001" and key[1] != photo)
+    rays = [Place(*draft.key, *place.tolist()), Place(*other, 50.0, 50.0)]
+    said = [Recorded(n, "t", "anna", ray) for n, ray in enumerate(rays, 1)]
+    both = replace(there.state, block=replay(there.state.block, said).block)
+    assert misfits(both, (draft.key, other)).keys() == {draft.key, other}
 
 
 def test_what_a_draft_of_a_new_point_brings_along_is_decided_by_nobody__law(desk):

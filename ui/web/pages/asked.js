@@ -58,7 +58,9 @@ function show() {
   byId("proposals-said").textContent = word("proposals", { count });
   byId("hint").hidden = why || Boolean(point?.draft) || count > 0;
   if (why) showReasons(explaining);
-  else if (point?.draft) showDraft(point);
+  if (!why && point?.draft) showDraft(point);
+  // What is hidden is read out all the same.
+  else byId("keep").replaceChildren();
 }
 
 /** @param {Key[]} explaining */
@@ -81,7 +83,7 @@ function showDraft({ key, draft, figures, trial }) {
   };
   const [plain, moved] = draft?.asking ? ["draft.against", "draft.against.moved"]
     : ["draft", "draft.moved"];
-  const said = word(trial ? moved : plain, values);
+  const said = figures.ratio === null ? word("draft.alone") : word(trial ? moved : plain, values);
   const act = (/** @type {string} */ name, /** @type {string} */ cap,
     /** @type {() => void} */ onclick) =>
     element("button", { class: "small", onclick }, word(name), element("kbd", {}, cap));

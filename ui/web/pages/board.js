@@ -133,7 +133,8 @@ function head(found) {
       showBoard(found);
     },
   }, word(`board.${name}`));
-  const count = word("board.count", { photos: found.photos.length, doubtful });
+  const remarks = found.photos.reduce((sum, { why }) => sum + why.length, 0);
+  const count = word("board.count", { photos: found.photos.length, doubtful, remarks });
   const close = () => byId("board").close();
   return element("header", {}, element("h2", {}, word("board")),
     element("span", { class: "segments" }, tab("board"), tab("film")),

@@ -31,10 +31,10 @@ function use(tool) {
 }
 
 /**
- * Buttons, and every edit that stands.
+ * What draws, in sight however long the lists below are.
  * @param {Mosaic} found @param {PickedPlace | null} picked
  */
-export function editSide(found, picked) {
+export function editTools(found, picked) {
   const { tool } = state;
   const photos = (found.seams ?? []).map(({ photo }) => photo);
   if (!photos.includes(state.photo)) state.photo = picked?.photo ?? photos[0] ?? "";
@@ -49,11 +49,16 @@ export function editSide(found, picked) {
     element("option", { value: photo, selected: photo === state.photo }, shortName(photo))));
   const hint = tool ? [element("p", { class: "next", role: "status" },
     word(`mosaic.edit.${tool}.hint`))] : [];
-  const pending = found.edition ? [element("p", { id: "mosaic-pending", class: "doubted" },
+  return element("div", { id: "mosaic-tools" }, element("div", { class: "acts" }, ...buttons,
+    ...(tool === "area" ? [choice] : [])), ...hint);
+}
+
+/** Every edit that stands. @param {Mosaic} found */
+export function editSide({ edition, edits = [] }) {
+  const pending = edition ? [element("p", { id: "mosaic-pending", class: "doubted" },
     word("mosaic.edit.pending"))] : [];
-  return [element("h3", {}, word("mosaic.edit")),
-    element("div", { class: "acts" }, ...buttons, ...(tool === "area" ? [choice] : [])),
-    ...hint, ...pending, ...(found.edits ?? []).map(line)];
+  const title = edits.length || edition ? [element("h3", {}, word("mosaic.edit"))] : [];
+  return [...title, ...pending, ...edits.map(line)];
 }
 
 /** @param {SeamEdited} edit */

@@ -1,6 +1,6 @@
 // What is told beside the mosaic: how old it is, what a place on it leads to, and its holes.
 import { faultList, markFault } from "./faults.js";
-import { editSide } from "./mosaic_edit.js";
+import { editSide, editTools } from "./mosaic_edit.js";
 import { element, number, shortName, start, word } from "./words.js";
 import { send } from "./wire.js";
 
@@ -19,13 +19,14 @@ import { send } from "./wire.js";
  */
 export function mosaicSide(found, picked, status, acts) {
   return [
+    editTools(found, picked),
     element("p", { id: "mosaic-said" }, word("mosaic.said", {
       pixel: number(found.pixel, 2, "m"), area: number((found.area ?? 0) / 1e6, 2),
       count: found.seams?.length ?? 0, when: (found.written ?? "").replace("T", " "),
     })),
     ...stale(found, status, acts), ...place(picked, acts), ...markFault(picked),
     ...faultList(found, acts.ask, acts.refresh), ...misfits(found, acts),
-    ...editSide(found, picked),
+    ...editSide(found),
     ...holes(found, acts),
     element("p", { class: "muted" }, word("mosaic.hint")),
   ];

@@ -99,7 +99,7 @@ const length = (pair) => (pair && pair[0] !== null ? Math.hypot(pair[0], pair[1]
 const span = (text, kind) => element("span", { class: kind }, text);
 
 /** How far the measurement is off: metres, sigma, pixels. @param {Point} point */
-function showOff({ draft, ellipse, figures: { ground, misfit, ratio }, scan, state }) {
+function showOff({ draft, ellipse, figures: { ground, misfit, ratio }, role, scan, state }) {
   if (state === "predicted" && !draft && ellipse) {
     const pixels = ellipseRadius(ellipse);
     byId("off").title = tip("figure.expected") ?? "";
@@ -112,10 +112,11 @@ function showOff({ draft, ellipse, figures: { ground, misfit, ratio }, scan, sta
   const far = ratio !== null && ratio > MARKED_SIGMA;
   byId("off").title = tip("figure.misfit") ?? "";
   byId("off").append(element("h3", {}, word("figure.misfit")),
-    element("div", { class: "large" },
+    element("div", { class: pixels === null ? "" : "large" },
       metres === null ? null : span(`${number(metres, 2)} m`, ""),
       ratio === null ? null : span(`${number(ratio, 1)} \u03c3`, far ? "warned" : ""),
-      pixels === null ? span("\u2013", "") : element("small", {}, `${number(pixels, 2)} px`)));
+      pixels === null ? span(role === "new" ? word("misfit.unknown") : "\u2013", "")
+        : element("small", {}, `${number(pixels, 2)} px`)));
 }
 
 /** @param {Figures} figures */
