@@ -239,8 +239,8 @@ def click_frustum(page: Page) -> None:
     page.mouse.click(room["x"] + place[0], room["y"] + place[1] + 40)
 
 
-def mark_three(page: Page) -> None:
-    """Three rows marked by pointer, then one key."""
+def mark_four(page: Page) -> None:
+    """The current row and three more marked by pointer, then one key."""
     places = page.locator(".row:not(.human)")
     places.nth(1).click(modifiers=["Control"])
     places.nth(3).click(modifiers=["Shift"])
@@ -298,7 +298,7 @@ DECISIONS = (
       for n, why in enumerate(REASONS[:4])),
     *(Decides(f"N, reason button {1 + n}", reason(1 + n, True), AMENDED, why)
       for n, why in enumerate(REASONS[:4])),
-    Decides("rows marked, M", mark_three, 3 * ("MarkDubious",)),
+    Decides("rows marked, M", mark_four, 4 * ("MarkDubious",)),
     Decides("marked by key, button", mark_two_by_key, 2 * ("MarkDubious",)),
     Decides("C", key("c"), ("SetRole",)), Decides("role button", button("role"), ("SetRole",)),
     Decides("U", key("u"), BACK), Decides("undo button", button("undo"), BACK),
@@ -387,8 +387,8 @@ LOOKING = (
     Looks("vectors longer", slide("#vectors input", 80), "gruber.parts.scene.scale"),
     Looks("photo clicked in 3D", click_frustum, PLACE),
     Looks("X", key("x"), GROWN),
-    Looks("theme button", button("theme"), "document.documentElement.dataset.theme"),
-    Looks("theme again", button("theme"), "document.documentElement.dataset.theme"),
+    Looks("theme button", button("theme"), "localStorage['gruber.theme']"),
+    Looks("theme again", button("theme"), "localStorage['gruber.theme']"),
     Looks("H", key("h"), OPEN), Looks("H again", key("h"), OPEN),
     Looks("help button", button("help"), OPEN), Looks("Escape", key("Escape"), OPEN),
     Looks("B", shown(key("b"), "#quality .quality-part"), OPEN),
