@@ -141,7 +141,7 @@ def sit_at(chromium):
         url: str, scene: bool = True, language="en-GB", size=SIZE, ready=".row.current", **how
     ):
         # Waiting for a condition evaluates text, which the desk's own policy rightly forbids.
-        how = {"storage_state": toured(url), **how}
+        how = {"storage_state": toured(url), "color_scheme": "dark", **how}
         context = chromium.new_context(viewport=size, bypass_csp=True, locale=language, **how)
         context.set_default_timeout(PATIENCE_MS)
         context.add_init_script(AS_A_PERSON)

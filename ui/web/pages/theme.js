@@ -1,7 +1,6 @@
-// Dark, light, or as the machine likes it.
+// As the machine likes it, until dark or light is chosen.
 import { byId, first, glyph, word } from "./words.js";
 
-const THEMES = ["dark", "light", "system"];
 const light = matchMedia("(prefers-color-scheme: light)");
 
 export function setUpTheme() {
@@ -12,10 +11,13 @@ export function setUpTheme() {
   addEventListener("afterprint", () => show(chosen()));
 }
 
-const chosen = () => localStorage.getItem("gruber.theme") ?? "dark";
+const chosen = () => localStorage.getItem("gruber.theme") ?? "system";
 
-/** @param {string} theme */
-const after = (theme) => THEMES[(THEMES.indexOf(theme) + 1) % THEMES.length];
+/** From the system's to what that is not. @param {string} theme */
+function after(theme) {
+  const themes = ["system", ...(light.matches ? ["dark", "light"] : ["light", "dark"])];
+  return themes[(themes.indexOf(theme) + 1) % themes.length];
+}
 
 export function nextTheme() {
   localStorage.setItem("gruber.theme", after(chosen()));
