@@ -22,8 +22,8 @@ SENTENCES = {
     "of the block can be believed.",
     "class-large": "Residuals of {worst} are {ratio} times as large as their standard deviations "
     "say: a systematic error, or too much trust in them.",
-    "control": "{count} control points in {cells} of nine parts of the block.",
-    "control-gaps": "{count} control points, but in {cells} of nine parts only.",
+    "control": "{count} control points in {cells} of 9 parts of the block.",
+    "control-gaps": "{count} control points, but in {cells} of 9 parts only.",
     "control-few": "{count} control points ({plan} with plan, {heights} with height); a block "
     "needs {least}, at least 2 of them with plan and 3 with height.",
     "control-on-a-line": "All height control lies on a line (within {across} m of it, {along} m "

@@ -87,6 +87,12 @@ def test_no_text_is_empty_or_carries_markup__law() -> None:
         assert "<" not in text, (language, key)
 
 
+def test_a_count_and_what_it_is_of_are_both_figures__law() -> None:
+    """It said "9 of nine parts"."""
+    mixed = re.compile(r"\} (of|z|ze) (nine|devíti)")
+    assert not [(language, key) for language, key, text in sentences() if mixed.search(text)]
+
+
 def test_every_text_is_used__law() -> None:
     unused = [key for key in words() if not is_said(key) and key[8:] not in SENTENCES]
     assert not unused
