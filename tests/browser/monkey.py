@@ -335,7 +335,8 @@ class DeskWalk(PageWalk):
             return []
         self.page.evaluate("document.activeElement?.blur?.()")
         meant: list[Meaning] = []
-        aim, ahead = None, False
+        stays = ("1", "2", "ArrowRight", "ArrowDown", "Escape", "Enter", "c")
+        aim, ahead, drafted = None, False, False
         for what in self.rng.choices(QUICK, k=self.rng.randint(2, 4)):
             if what == "row":
                 rows = [c for c in self.page.evaluate(CONTROLS) if c[0].startswith("row ")]
@@ -350,6 +351,10 @@ class DeskWalk(PageWalk):
                 continue
             self.press(what)
             seen = self.page.evaluate("walk.seen.splice(0)")
+            drafted = drafted or what in ARROWS or any(one["drafts"] for one in seen)
+            if drafted and what not in stays:
+                # A draft that the desk asks about stays one where the hand has gone on.
+                meant = [replace(one, must=one.must and one.what != "accept") for one in meant]
             meaning = next(iter(self.meant(seen[-1:])), None)
             # The reason is that of the rejection which is asked about, wherever the hand is.
             if meaning and ahead and meaning.what != "reason":
@@ -358,7 +363,6 @@ class DeskWalk(PageWalk):
             meant += [meaning] if meaning else []
             # In the queue an arrow goes to the next row, elsewhere it nudges.
             steps = what == "ArrowDown" and bool(seen) and seen[-1]["inQueue"]
-            stays = ("1", "2", "ArrowRight", "ArrowDown", "Escape", "Enter", "c")
             if steps or what not in stays:
                 aim, ahead = None, True
         return meant

@@ -161,6 +161,32 @@ def test_a_row_that_moved_in_the_list_is_the_one_that_is_clicked__law(sit):
     )
 
 
+def test_a_row_clicked_while_a_name_is_typed_is_chosen__law(sit):
+    page = sit(scene=False)
+    page.click('.chip[data-state="all"]')
+    caught_up(page)
+    rows = page.evaluate("[...document.querySelectorAll('.row')].map(row => row.dataset.key)")
+    first, key = rows[0], next(row for row in rows if row.split("|")[0] != rows[0].split("|")[0])
+    point = key.split("|")[0]
+    look_at(page, first)
+    page.fill("#sieve-text", point)
+    page.wait_for_function("name => gruber.parts.point.key[0] === name", arg=point)
+    caught_up(page)
+    page.evaluate(
+        """key => {
+          const field = document.getElementById("sieve-text");
+          field.value = "";
+          field.dispatchEvent(new Event("input"));
+          document.querySelector(`.row[data-key="${key}"]`).click();
+        }""",
+        key,
+    )
+    page.wait_for_timeout(400)
+    caught_up(page)
+    assert page.evaluate("gruber.parts.queue.filter.text") == ""
+    assert current(page) == key
+
+
 def test_a_key_held_down_decides_once__law(sit):
     page = sit(scene=False)
     page.keyboard.down("n")

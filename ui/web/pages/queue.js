@@ -4,7 +4,7 @@ import {
   stateGlyph, turn, word,
 } from "./words.js";
 import { afterPause } from "./view.js";
-import { send } from "./wire.js";
+import { finishBefore, send } from "./wire.js";
 
 const ROW = 25; // as `.row` in desk.css
 const TYPING_MS = 150; // design: a word typed is one search
@@ -103,7 +103,6 @@ export function setUpQueue() {
   const kinds = KINDS.map((kind) => [kind, word(`role.${kind}`)]);
   fill("sieve-role", [["", word("role.both")], ...kinds], (role) => sieve({ role }));
   const sorts = ["gain", "doubt", "misfit", "score", "photo", "point"];
-  const typed = afterPause((/** @type {string} */ text) => sieve({ text }), TYPING_MS);
   byId("sieve-text").placeholder = word("queue.search");
   byId("sieve-text").addEventListener("input", () => typed(byId("sieve-text").value));
   byId("sieve-text").addEventListener("change", () => byId("sieve-text").blur());
@@ -145,11 +144,17 @@ function sort(column) {
   send({ kind: "sort", column, descending });
 }
 
+const typed = afterPause((/** @type {string} */ text) => sieve({ text }), TYPING_MS);
+
+// A row that is clicked before the hand has paused is chosen under the name that was typed.
+finishBefore(typed.now);
+
 /**
  * What a filter lets through is found here at once; the desk hears of it and moves on if need be.
  * @param {Partial<Filter>} change
  */
 function sieve(change) {
+  typed.now();
   const { queue } = state;
   if (!queue) return;
   const filter = { ...queue.filter, ...change };
