@@ -181,6 +181,7 @@ def press_everything(page, again, written) -> list[str]:
 def test_tab_reaches_every_control_of_the_other_pages__law(rooms, enter, kind):
     room = rooms[kind]
     page = enter(room)
+    page.wait_for_load_state("networkidle")
     assert unseen_or_unreached(page) == []
 
     def again() -> None:
@@ -219,7 +220,8 @@ def test_tab_reaches_every_control_of_the_desk_and_its_sheets__law(rooms, enter)
         if sheet == "placed":
             frame = page.wait_for_selector("#placed iframe").content_frame()
             frame.wait_for_selector("#placing-save", state="attached")
-            frame.wait_for_function("document.readyState === 'complete' && document.hasFocus()")
+            # The fit of the clicks comes from the server, and with it the buttons are drawn anew.
+            frame.wait_for_load_state("networkidle")
             wrong[sheet] = unseen_or_unreached(frame)
             continue
         wrong[sheet] = unseen_or_unreached(page)
