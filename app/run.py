@@ -399,10 +399,7 @@ class Run:
             decisions=self.session.decisions(),
             mosaic_version=version_on_disk(self.session.products),
             language=self.language,
-            provenance={
-                say("digest of {stage}", stage=name): text[:16]
-                for name, text in self.digests.items()
-            },
+            provenance={f"digest of {name}": text[:16] for name, text in self.digests.items()},
         )
 
 

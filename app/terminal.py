@@ -37,12 +37,14 @@ class LastingConsole(Console):
 class StageProgress:
     """One stage's bar; satisfies `core.progress.Progress`."""
 
-    def __init__(self, bars: ProgressBar, task: TaskID) -> None:
-        self.bars, self.task = bars, task
+    def __init__(self, bars: ProgressBar, task: TaskID, tell: Teller) -> None:
+        self.bars, self.task, self.tell = bars, task, tell
 
     def report(self, done: float, total: float, what: str = "") -> None:
         """Move the bar."""
-        self.bars.update(self.task, completed=done, total=max(total, 1e-9), what=what)
+        self.bars.update(
+            self.task, completed=done, total=max(total, 1e-9), what=self.tell.again(what)
+        )
 
 
 class Terminal:
@@ -67,9 +69,8 @@ class Terminal:
             disable=not self.console.is_terminal,
         )
         self.bars.start()
-        return StageProgress(
-            self.bars, self.bars.add_task(self.tell.again(title), total=None, what="")
-        )
+        task = self.bars.add_task(self.tell.again(title), total=None, what="")
+        return StageProgress(self.bars, task, self.tell)
 
     def ended(self, name: str, title: str, seconds: float, said: str) -> None:
         """End a stage with one line."""

@@ -51,6 +51,7 @@ from app.report.wording import (
     film_places,
     findings,
     fine,
+    parameter_told,
     refused_told,
     status_counts,
 )
@@ -172,6 +173,7 @@ def render(
         refused_told=refused_told,
         decided_kind=lambda kind: tell(f"report.decided.{kind.replace(' ', '-')}"),
         stage_name=lambda name: tell(f"stage.{name}"),
+        parameter=lambda name: parameter_told(name, tell),
         draw_histogram=lambda bars: draw_histogram(bars, tell),
         beyond_told=lambda bars, unit="px": beyond_told(bars, tell, unit),
         draw_film=draw_film,
@@ -277,6 +279,7 @@ def _filters(tell: Teller) -> dict[str, Callable[..., str]]:
         "figure": lambda value, places=2: tell.number(value, f",.{places}f"),
         "signed": lambda value, places=2: tell.number(value, f"+.{places}f"),
         "scientific": lambda value: tell.number(value, ".3e"),
+        "moment": tell.moment,
         "fine": lambda value, places: fine(value, tell, places),
         "fine_signed": lambda value, places: fine(value, tell, places, sign="+"),
     }

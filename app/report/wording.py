@@ -3,11 +3,13 @@
 The short summary after a run is here too: scans set aside, and the gravest doubts.
 """
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 from statistics import median
 from typing import Any
 
+from core.adjustment.significance import CONSTANT_NAMES
 from core.doubts import Doubt
 from core.quality.check_points import STANDARD_LEAST
 from core.quality.rules import SIGMA_NOUGHT
@@ -118,6 +120,18 @@ def _headline(figures: Figures, tell: Teller) -> str:
     return tell("report.headline.relative.sigma" if known else "report.headline.relative", **told)
 
 
+def parameter_told(name: str, tell: Teller) -> str:
+    """A parameter of the adjustment in words; that of another camera has its name behind."""
+    first, _, owner = name.partition(" ")
+    if found := re.fullmatch(r"(gnss_shift|gnss_drift|misalignment)_(\w)_\w+", first):
+        said = tell(f"parameter.{found[1].replace('_', '-')}", axis=found[2])
+    elif first in CONSTANT_NAMES:
+        said = tell(f"parameter.{first}")
+    else:
+        return tell.again(name)
+    return f"{said} {owner}".strip()
+
+
 def _verdict(verdict: list[Figures], tell: Teller) -> str:
     worst = max((one["grave"] for one in verdict), default=0)
     return tell(f"report.verdict.{worst}", count=sum(one["grave"] > 0 for one in verdict))
@@ -132,8 +146,8 @@ def _decisions(decisions: Figures, tell: Teller) -> str:
         "report.decisions",
         count=decisions["count"],
         operators=[one["who"] for one in people],
-        first=first[:16].replace("T", " "),
-        last=last[:16].replace("T", " "),
+        first=first,
+        last=last,
         back=decisions["taken_back"],
     )
 

@@ -242,7 +242,8 @@ def place_parts(
     parts: list[PlacedBlock] = []
     doubts: list[Doubt] = []
     for done, part in enumerate(free):
-        work.progress.report(done, len(free), f"{len(part.block.photos)} photos together")
+        told = say("{count:# photo|# photos} together", count=len(part.block.photos))
+        work.progress.report(done, len(free), told)
         own = {name: site.scans[name] for name in part.block.photos}
         result = place_block(part, own, site.reference, options.placement, work.mapper)
         if isinstance(result, Failure):

@@ -116,8 +116,5 @@ def content(flown, report, mosaic):
         written=Written("2025-11-21 01:02 UTC", "anna", "0.1.0"),
         decisions=decided(list(report.residuals_px)[:3]),
         timings_s={"scans": 3.2, "ties": 41.75, "adjustment": 0.4, "mosaic": 12.0},
-        provenance={
-            "options": "default",
-            "block.toml": "sha256 3f9a…",
-        },
+        provenance={"digest of scans": "43fc7983d5516bae"},
     )

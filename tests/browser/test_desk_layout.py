@@ -13,7 +13,7 @@ from ui.words.catalogue import words
 SIZES = ((1366, 768), (1440, 900), (1600, 1000), (1920, 1080), (2560, 1440), (3840, 2160))
 CUT_OFF = """() => {
   const controls = "button, select, input, h2, h3, label, .item, .badge, .large, #facts li, "
-    + "#trial .figure, #asked p:not([hidden])";
+    + "#name, #stale, #trial .figure, #asked p:not([hidden])";
   const wide = e => e.tagName === "SELECT" ? textOf(e) > e.clientWidth - 18
     : getComputedStyle(e).display !== "inline" && e.scrollWidth > e.clientWidth + 1;
   const pen = document.createElement("canvas").getContext("2d");
@@ -46,6 +46,11 @@ IN_SIGHT = """names => names.every(name => {
 })"""
 SCROLLED = """[...document.querySelectorAll("body, body *")]
   .filter(e => e.id !== "table" && (e.scrollTop > 0 || e.scrollLeft > 0)).map(e => e.id)"""
+LONG = """said => {
+  document.getElementById("name").textContent = "synthetic-1938-seed1";
+  document.getElementById("stale").textContent = said;
+  document.getElementById("stale").classList.add("some");
+}"""
 DECIDES = ["#panes", "#off", "#why", "#trial", "#asked", "#acts"]
 
 
@@ -60,6 +65,8 @@ def test_nothing_is_cut_off_at_any_width__law(sit, language):
     )
     page.keyboard.press("t")  # Its slider needs room as well.
     page.wait_for_selector("#rate")
+    # As long as they usually become: a block's name, and that results are stale.
+    page.evaluate(LONG, words(language)["remake.unwritten"])
     for width, height in SIZES:
         page.set_viewport_size({"width": width, "height": height})
         for mode in ("side", "swipe", "blend"):

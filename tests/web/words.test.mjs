@@ -3,8 +3,8 @@ import assert from "node:assert/strict";
 import test from "node:test";
 
 import {
-  again, fileSize, learnNames, learnPoints, number, numbers, roundNumber, shortName, shortPoint,
-  start, tip, word,
+  again, fileSize, learnNames, learnPoints, moment, number, numbers, roundNumber, shortName,
+  shortPoint, start, tip, word,
 } from "../../ui/web/pages/words.js";
 
 test("values are put into a sentence, and a word nobody knows shows its key__truth", () => {
@@ -19,6 +19,16 @@ test("numbers have a real minus, a narrow space before the unit, a dash for none
   assert.equal(number(0, 1), "0.0");
   assert.equal(number(null, 1, "m"), "\u2013");
   assert.equal(number(undefined, 1), "\u2013");
+});
+
+test("a time is written as the language does__truth", () => {
+  start.language = "cs";
+  start.words = { said: "{when}, {who}" };
+  assert.equal(word("said", { when: "2026-11-05T03:12", who: "ada" }),
+    "5.\u00a011.\u00a02026 03:12, ada");
+  start.language = "en";
+  assert.equal(moment("2026-11-05T03:12:07.250+00:00"), "2026-11-05 03:12");
+  assert.equal(moment("1938-05-16"), "1938-05-16");
 });
 
 test("quotes of commands for a terminal are left out__truth", () => {

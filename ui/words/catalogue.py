@@ -1,5 +1,6 @@
 """The texts of Gruber in every language: read once, found by key, filled with values."""
 
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -33,6 +34,10 @@ KEYS: tuple[tuple[str, str], ...] = (
     ("H", "act.help"),
 )  # fmt: skip
 """Every key of the desk with the text of what it does."""
+
+
+MOMENT = re.compile(r"(\d{4})-(\d\d)-(\d\d)[T ](\d\d:\d\d)(?::\d\d(?:\.\d+)?(?:\+00:00)?)?( UTC|)")
+"""A time as it is kept, or already shortened for a reader."""
 
 
 @cache
@@ -85,7 +90,22 @@ class Teller:
 
     def __call__(self, key: str, /, **values: Any) -> str:
         """A text of the catalogue with its places filled."""
-        return self._wording.told(self._words[key], values)
+        told = {
+            name: self.moment(one)
+            if isinstance(one, str) and not isinstance(one, Said) and MOMENT.fullmatch(one)
+            else one
+            for name, one in values.items()
+        }
+        return self._wording.told(self._words[key], told)
+
+    def moment(self, text: str) -> str:
+        """A time such as `2026-11-26T03:12:07.250+00:00` as the language writes it."""
+        found = MOMENT.fullmatch(text)
+        if found is None:
+            return text
+        year, month, day, clock, rest = found.groups()
+        czech = f"{int(day)}.\u00a0{int(month)}.\u00a0{year} {clock}"
+        return (czech if self.language == "cs" else f"{year}-{month}-{day} {clock}") + rest
 
     def again(self, message: str) -> str:
         """What the engine said; in English where it was kept by an earlier version."""

@@ -430,6 +430,9 @@ def test_a_czech_report_holds_no_english_sentence__law(content, tmp_path):
     assert sum(piece in english for piece in english_pieces()) > 60
     assert [piece for piece in english_pieces() if piece in text] == []
     assert "Jednotková směrodatná odchylka" in text
+    assert "Otisk kroku: vnitřní orientace skenů" in text
+    assert not re.search(r"\d{4}-\d\d-\d\d", text), "a time as a computer has it"
+    assert not re.search(r"_(mm|um|deg)\b", text), "a parameter as a program calls it"
     # A figure has a comma; names of files and coordinates of nought keep what they are.
     assert not re.search(r"\d\.\d+ (?:m|px|µm)\b", text)
     assert not re.search(r"[.,]\d{7}", text), "a figure as a computer has it"

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from app.report.wording import LINES, findings, remarks
+from app.report.wording import LINES, findings, parameter_told, remarks
 from core.doubts import Doubt
 from ui.words.catalogue import Teller
 
@@ -49,3 +49,13 @@ def test_sigma_nought_is_put_into_words__law(written, value, said):
     figures = json.loads(json.dumps(written[1]))
     figures["adjustment"]["sigma_nought"] = value
     assert said in findings(figures, Teller())["sigma"]
+
+
+@pytest.mark.parametrize(("name", "said"), [
+    ("principal_distance_mm", "konstanta komory, mm"),
+    ("k1_um wild", "radiální distorze k1, µm wild"), ("gnss_shift_X_m", "posun GNSS X, m"),
+    ("misalignment_z_deg", "natočení aparatury vůči komoře z, °"),
+    ("flying height", "výška letu"), ("b1_um", "b1_um"),
+])  # fmt: skip
+def test_parameters_are_told_in_words__truth(name: str, said: str) -> None:
+    assert parameter_told(name, Teller("cs")) == said

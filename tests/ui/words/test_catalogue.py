@@ -271,3 +271,24 @@ def test_every_choice_of_the_form_has_a_text__law(language: str) -> None:
 def test_texts_of_a_language_call_no_key_by_its_english_name__truth(language: str) -> None:
     assert words(language)["key.Space"] != "Space"
     assert not [key for key, text in words(language).items() if re.search(r"\bSpace\b", text)]
+
+
+TIMES = [("2026-11-05T03:12:07.250+00:00", "2026-11-05 03:12", "5.\u00a011.\u00a02026 03:12"),
+         ("2026-11-05 03:12 UTC", "2026-11-05 03:12 UTC", "5.\u00a011.\u00a02026 03:12 UTC"),
+         ("1938-05-16", "1938-05-16", "1938-05-16")]  # fmt: skip
+
+
+@pytest.mark.parametrize(("kept", "english", "czech"), TIMES)
+def test_a_time_is_written_as_the_language_does__truth(kept: str, english: str, czech: str) -> None:
+    assert [Teller(language).moment(kept) for language in ("en", "cs")] == [english, czech]
+    told = Teller("cs")("report.written", at=kept, operator="ada", version="1")
+    assert czech in told
+
+
+def test_one_word_for_one_thing_in_czech__truth() -> None:
+    """Two filters were called alike, and sigma nought had two names."""
+    czech = words("cs")
+    assert len({czech[f"state.{name}"] for name in ("open", "auto")} | {czech["role.new"]}) == 3
+    both = {**czech, **messages("cs")}.values()
+    assert not [text for text in both if re.search(r"[Jj]ednotkov\w+ odchylk", text)]
+    assert not [text for text in both if "orld file" in text]

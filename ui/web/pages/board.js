@@ -333,7 +333,7 @@ function showLarge() {
 function decided(row, said) {
   if (!said) return [];
   const back = () => send({ kind: "back", decision: said.id });
-  const values = { who: said.who, when: said.when.replace("T", " ") };
+  const values = { who: said.who, when: said.when };
   return [element("p", { class: "decided" }, said.filled ? exampleOf(row) : null,
     word(said.filled ? "board.filled" : "board.said", values),
     element("button", {

@@ -409,7 +409,7 @@ async function open() {
   await takeSeat();
   document.title = `${start.name} \u00b7 ${word("title")}`;
   fillWords();
-  byId("name").textContent = start.name;
+  Object.assign(byId("name"), { textContent: start.name, title: start.name });
   learnNames(start.photos);
   setUpButtons();
   setUpLayout();

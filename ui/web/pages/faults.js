@@ -1,6 +1,6 @@
 // Faults of the mosaic: marked at a place, answered, closed and opened again.
 import { halo, text } from "./overlay.js";
-import { byId, element, shortName, start, word } from "./words.js";
+import { byId, element, moment, shortName, start, word } from "./words.js";
 import { send } from "./wire.js";
 
 const KINDS = ["double", "smear", "cloud", "cut", "tone", "shift", "other"];
@@ -80,7 +80,7 @@ function thread({ id, open, said }) {
   };
   const turn = open ? "fault.close" : "fault.open-again";
   const lines = said.map(({ who, when, words, closes }) => element("p", {},
-    element("b", {}, who), ` ${when} `, closes === null ? ""
+    element("b", {}, who), ` ${moment(when)} `, closes === null ? ""
       : `${word(closes ? "fault.closed" : "fault.open")} `, words));
   return element("div", { class: "fault-thread" }, ...lines, element("div",
     { class: "acts fault-form" }, field("answer", "remark.words"),

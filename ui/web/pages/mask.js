@@ -152,7 +152,7 @@ function side({ photos, strokes, ties }) {
     word(`mask.did.${drawn.hides ? "hidden" : "freed"}`, {
       what: drawn.camera ? word("mask.all-of", { camera: drawn.subject })
         : shortName(drawn.subject),
-      who: drawn.who, when: drawn.when.replace("T", " "),
+      who: drawn.who, when: drawn.when,
     }),
     element("button", { class: "small", disabled: start.guest,
       onclick: () => send({ kind: "back", decision: drawn.id }) }, word("history.back"))));

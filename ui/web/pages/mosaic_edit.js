@@ -64,7 +64,7 @@ export function editSide({ edition, edits = [] }) {
 /** @param {SeamEdited} edit */
 const line = ({ id, who, when, area, what }) => element("p", { class: "decided" },
   word(`mosaic.edit.did.${area ? "area" : "line"}`, {
-    what: what.split(" | ").map(shortName).join(" | "), who, when: when.replace("T", " "),
+    what: what.split(" | ").map(shortName).join(" | "), who, when,
   }),
   element("button", { class: "small", disabled: start.guest, title: word("history.back.tip"),
     onclick: () => send({ kind: "back", decision: id }) }, word("history.back")));

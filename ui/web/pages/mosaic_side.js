@@ -22,7 +22,7 @@ export function mosaicSide(found, picked, status, acts) {
     editTools(found, picked),
     element("p", { id: "mosaic-said" }, word("mosaic.said", {
       pixel: number(found.pixel, 2, "m"), area: number((found.area ?? 0) / 1e6, 2),
-      count: found.seams?.length ?? 0, when: (found.written ?? "").replace("T", " "),
+      count: found.seams?.length ?? 0, when: found.written ?? "",
     })),
     ...stale(found, status, acts), ...place(picked, acts), ...markFault(picked),
     ...faultList(found, acts.ask, acts.refresh), ...misfits(found, acts),

@@ -1,7 +1,7 @@
 // The numbers of the current point: figures old and new, why it is doubtful, its peaks, scans.
 import {
-  MARKED_SIGMA, all, between, byId, element, first, number, numbers, renew, roleGlyph, shortName,
-  shortPoint, shows, start, stateGlyph, tip, word,
+  MARKED_SIGMA, all, between, byId, element, first, moment, number, numbers, renew, roleGlyph,
+  shortName, shortPoint, shows, start, stateGlyph, tip, word,
 } from "./words.js";
 import { ellipseRadius } from "./expected.js";
 import { send } from "./wire.js";
@@ -51,7 +51,7 @@ function showHistory(point) {
   if (!point) return room.replaceChildren();
   const { key, history } = point;
   const lines = history.map(({ id, when, who, what, detail, stands, by }) => {
-    const title = by ? `${when} \u00b7 ${word("history.by", { who: by })}` : when;
+    const title = by ? `${moment(when)} \u00b7 ${word("history.by", { who: by })}` : moment(when);
     const turn = stands ? "history.back" : "history.again";
     const back = () => send({ kind: "back", decision: id });
     const button = { class: "small", title: word(`${turn}.tip`), onclick: back,

@@ -15,7 +15,7 @@ const state = { shown: "" };
 export function setUpQuality() {
   byId("quality").addEventListener("close", () => send({ kind: "quality", shown: false }));
   addEventListener("beforeprint", () => {
-    const when = new Date().toISOString().slice(0, 16).replace("T", " ");
+    const when = new Date().toISOString().slice(0, 16);
     const values = { when, who: byId("who").textContent ?? "", version: start.version };
     for (const line of all(".printed", byId("quality"))) {
       line.textContent = word("quality.printed", values);

@@ -142,5 +142,5 @@ function stageLine({ stage, pass, seconds, said, share, what, taken, left }) {
     element("span", { class: "muted" }, stopped ? "" : time),
     element("span", { class: "share", role: "progressbar",
       "aria-label": word(`stage.${stage}`), "aria-valuenow": Math.round(100 * share) }, bar),
-    element("span", { class: "said muted" }, stopped ? "" : what))];
+    element("span", { class: "said muted" }, stopped ? "" : again(what)))];
 }

@@ -1,5 +1,5 @@
 // Under Block quality: what readings say, the rules of the job, and who vouches for the block.
-import { between, element, number, start, word } from "./words.js";
+import { between, element, moment, number, start, word } from "./words.js";
 import { send } from "./wire.js";
 
 const VERDICTS = ["accept", "accept-with-remarks", "reject"];
@@ -17,7 +17,7 @@ export function signing({ signatures }) {
   const lines = signatures.map((one) => element("p", {
     class: `decided signature${one.changed.length ? " doubted" : ""}`, "data-who": one.who,
   }, element("b", {}, word(`accepted.${one.verdict}`)),
-  ` \u00b7 ${one.who} \u00b7 ${one.when} UTC \u00b7 `, element("code", {}, one.digest),
+  ` \u00b7 ${one.who} \u00b7 ${moment(one.when)} UTC \u00b7 `, element("code", {}, one.digest),
   one.remark ? ` \u00b7 ${one.remark}` : "",
   one.changed.length ? element("span", { class: "outdated" }, " ", word("signed.outdated"), " ",
     one.changed.map((name) => word(`signed.part.${name}`)).join(between())) : "", " ",

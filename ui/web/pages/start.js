@@ -96,7 +96,8 @@ function holdings({ found, gaps, notes, links, added }) {
     /** @type {(Node | string)[]} */ ...said) => element("li", { class: kind },
     element("i", {}, sign), element("span", {}, ...said));
   const have = found.map(([name, value]) =>
-    line("have", "\u2713", `${word(`found.${name}`)}: ${value}`));
+    line("have", "\u2713",
+      `${word(`found.${name}`)}: ${name === "begin" ? word(`choice.${value}`) : value}`));
   const filled = new Set(Object.entries(formValues()).filter(([, value]) => value !== null)
     .map(([name]) => name.replace(/^(\w+)\..*?(\w+)$/, "$1.$2")));
   const lacking = gaps.filter(([, , keys]) => !keys.some((key) => filled.has(key)));

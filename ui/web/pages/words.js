@@ -7,6 +7,8 @@ export const start = /** @type {any} */ ({
 });
 const state = { prefix: "", suffix: "", halves: /** @type {number[] | null} */ (null) };
 const NUMERAL = /^[+\-\u2212]?\d+(?:\.\d+)?$/;
+/** A time as it is kept, or already shortened. */
+const MOMENT = /^(\d{4})-(\d\d)-(\d\d)[T ](\d\d:\d\d)(?::\d\d(?:\.\d+)?(?:\+00:00)?)?$/;
 const PLACE = /\{(\w+)(!r)?(?::([^{}]*))?\}/g;
 const COORDINATES = /^([A-Za-z]*)(-?\d{5,})_(-?\d{5,})$/;
 
@@ -46,6 +48,7 @@ function placed(value, format) {
   if (Array.isArray(value)) return value.map((one) => placed(one, format)).join(", ");
   if (typeof value === "number") return signed(formatted(value, format));
   if (typeof value === "string" && NUMERAL.test(value)) return signed(value);
+  if (typeof value === "string" && MOMENT.test(value)) return moment(value);
   return typeof value === "string" || value.said ? again(value) : String(value);
 }
 
@@ -67,6 +70,11 @@ function formatted(value, format) {
   const parted = comma ? text.replace(/\B(?=(\d{3})+(?!\d))/g, "\u202f") : text;
   return plus && value >= 0 ? `+${parted}` : parted;
 }
+
+/** A time as the language writes it. @param {string} when */
+export const moment = (when) => when.replace(MOMENT, (_, year, month, day, clock) =>
+  (start.language === "cs" ? `${Number(day)}.\u00a0${Number(month)}.\u00a0${year} ${clock}`
+    : `${year}-${month}-${day} ${clock}`));
 
 /** A number as the language writes it. @param {string} text */
 function signed(text) {
