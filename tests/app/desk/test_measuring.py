@@ -16,6 +16,7 @@ from app.desk.measuring import (
 )
 from app.project import described, read_project
 from core.control.likeness import Likeness
+from core.control.prediction import shown_in
 from core.doubts import Failure
 from core.geometry.interior import nominal_interior
 from core.geometry.transforms import fit_similarity
@@ -77,7 +78,12 @@ def test_at_the_edge_of_the_only_frame_a_point_is_still_found__law(state):
     # A millimetre from the border: in sight, and refused before.
     film = np.array([[camera.frame_mm[0] / 2 - 1.0, 0.0]])
     pixel = photo.interior.pixel_from_film(film)
-    place = photo.object_from_pixel(pixel, np.array([280.0]), camera)[:, :2]
+    heights = np.array([280.0])
+    for _ in range(9):
+        place = photo.object_from_pixel(pixel, heights, camera)[:, :2]
+        heights = dem.heights(place)
+    _, margins = shown_in(photo, camera, np.column_stack([place, heights]))
+    assert margins == pytest.approx(1.0, abs=0.05)
     assert set(photos_showing(alone, place, dem)) == {name}
 
 

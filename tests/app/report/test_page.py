@@ -142,10 +142,11 @@ def test_residuals_are_drawn_by_size_by_place_and_by_photo_with_what_correlates_
     for name in ("report.strips", "head.ground-pixel", "head.correlation"):
         assert TELL(name) in text
     for row in figures["exterior"]:
-        assert f"{row['ground_pixel_m']:.2f}" in text
+        assert f"{row['angles_deg'][2]:.4f} {row['ground_pixel_m']:.2f} ".lstrip("-") in text
     pairs = [one for one in figures["parameters"] if one["partner"]]
     assert pairs
-    assert all(f"{abs(one['correlation']):.2f}" in text for one in pairs[:20])
+    for one in pairs[:20]:
+        assert f"{abs(one['correlation']):.2f} {one['partner']} " in text
 
 
 def test_headings_say_the_finding__truth(written):
