@@ -1,6 +1,7 @@
 """Errors of a full, forbidden or broken disk as messages with file, cause and remedy."""
 
 import errno
+import os
 import shutil
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -23,6 +24,11 @@ def explain_disk_errors(path: Path) -> Generator[None]:
         yield
     except OSError as error:
         raise storage_error(path, error) from error
+
+
+def may_be_written(*places: Path) -> bool:
+    """True when each of these files and folders, as far as they are there, may be written."""
+    return all(os.access(place, os.W_OK) for place in places if place.exists())
 
 
 def storage_error(path: Path, error: BaseException) -> StorageError:

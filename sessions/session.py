@@ -83,6 +83,16 @@ class Session:
             clean_leftovers(tended)
         return cls(folder, operator, store)
 
+    @classmethod
+    def look(cls, block_folder: Path, operator: str) -> Self:
+        """Open the session of a folder that may not be written: nothing can be recorded.
+
+        Raises:
+            StorageError: The session cannot be read.
+        """
+        folder = block_folder.resolve()
+        return cls(folder, operator, Store.look(folder / FILE))
+
     def record(
         self, decision: Decision, seen: Block | None = None, operator: str | None = None
     ) -> Recorded:

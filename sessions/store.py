@@ -169,6 +169,31 @@ class Store:
             raise
         return store
 
+    @classmethod
+    def look(cls, path: Path) -> Self:
+        """Open the session file only to read it; an empty one where there is none.
+
+        Raises:
+            StorageError: Not a session, or of a newer version.
+        """
+        there = path.is_file()
+        with _told(path):
+            connection = sqlite3.connect(
+                f"{path.as_uri()}?mode=ro" if there else "file::memory:",
+                uri=True, timeout=BUSY_SECONDS, isolation_level=None, check_same_thread=False,
+            )  # fmt: skip
+        store = cls(path, connection)
+        try:
+            with _told(path):
+                if there:
+                    store._version()
+                else:
+                    store._prepare()
+        except BaseException:
+            connection.close()
+            raise
+        return store
+
     def append(self, recorded: str, who: str, kind: str, decision: str) -> int:
         """Put one decision on the disk; when this returns, it is there.
 

@@ -157,6 +157,8 @@ class DeskInputs:
     """What a photo is placed anew on; None where there is no ortho to click in."""
     running: Running | None = None
     """Runs the block from the desk."""
+    looking: bool = False
+    """The block's folder may not be written: nothing can be decided."""
 
     def mosaic_version(self) -> str:
         """What the mosaic on disk was made of; empty where there is none."""

@@ -112,7 +112,7 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     sources = Sources(coarse, desk.dem, read, lattice, alike, coarse.ready, mosaic)
     tiles = TileStore(sources)
     inbox: queue.SimpleQueue[Event] = queue.SimpleQueue()
-    access = Access(desk.host, desk.token) if desk.token else Access(desk.host)
+    access = Access(desk.host, desk.token or secrets.token_urlsafe(24), desk.looking)
     scene = SceneServer(
         _extent(desk, state), SEAT_HEADER, inbox.put, lambda seat: inbox.put(SceneOpened(seat))
     )
@@ -120,7 +120,7 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
         inbox.put,
         lambda seat: inbox.put(SeatTaken(seat)),
         lambda seat: inbox.put(SeatLeft(seat)),
-        as_json(notice_part(Notice("notice.guest"))),
+        as_json(notice_part(Notice("notice.read-only" if desk.looking else "notice.guest"))),
     )
     upstream = Upstream(scene.port, SECRET_HEADER, scene.secret)
     start = _start(desk, lattice)
@@ -290,6 +290,7 @@ def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:
         "fill": desk.fill is not None,
         "ortho": desk.has_ortho,
         "placeable": desk.placing is not None,
+        "looking": desk.looking,
         # Nothing but the scans says how far to go in where there is no ortho.
         "ortho_pixel": desk.ortho.ground_sample_distance_m if desk.has_ortho else lattice.pixel_m,
     }  # fmt: skip

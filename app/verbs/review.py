@@ -12,7 +12,8 @@ from app.project import Project, read_project
 from app.start import open_start, wants_start
 from app.terminal import Voice
 from core.said import say
-from sessions.session import Session
+from sessions.disk import may_be_written
+from sessions.session import FILE, HIDDEN, Session
 from ui.web.front import Opened
 
 
@@ -23,6 +24,11 @@ def review(given: argparse.Namespace, voice: Voice) -> None:
         visit.through_start(given.block)
     while visit.through_desk():
         visit.through_start(visit.block)
+
+
+READ_ONLY = (
+    "The block's folder may not be written: everything can be looked at, nothing can be decided."
+)
 
 
 class Visit:
@@ -61,12 +67,19 @@ class Visit:
     def through_desk(self) -> bool:
         """The desk, or the placing page before it; True when settings are asked for there."""
         given, project = self.given, read_project(self.block)
-        with Session.open(project.folder, given.operator) as session:
+        folder = project.folder
+        looking = not may_be_written(folder, folder / HIDDEN, folder / FILE)
+        if looking:
+            self.voice.say(READ_ONLY)
+        opened = Session.look if looking else Session.open
+        with opened(folder, given.operator) as session:
             if not self.through_placing(project, session):
                 return True
             inputs = desk_inputs(project, session, given.operator, given.host, self.port)
             token = self.token or inputs.token
-            with open_desk(replace(inputs, language=given.language, token=token)) as desk:
+            with open_desk(
+                replace(inputs, language=given.language, token=token, looking=looking)
+            ) as desk:
                 opened_at = "The desk is open at {url}  (Ctrl-C closes it; nothing is lost)"
                 self.shown(desk, say(opened_at, url=desk.url))
                 self.voice.say(

@@ -1,15 +1,19 @@
 """The start page's server side: found and missing, uploads, links, the form, checks."""
 
+import argparse
 import errno
+import os
 import shutil
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
 from app.folder_scan import is_plain
 from app.project import read_project
 from app.start import Starting, block_told, blocks_in, wants_start
+from app.verbs.review import Visit
 from core.doubts import Failure
 from core.errors import PhotogrammetryError, StorageError
 from sessions.checks import judged_parts, version_on_disk
@@ -324,6 +328,33 @@ def test_what_is_required_is_marked_unless_points_do__truth(data: Path) -> None:
     starting.save(values_of(starting) | points)
     assert "points.csv" in (data / "block.toml").read_text("utf-8")
     assert "ortho" not in marked()
+
+
+def test_a_block_in_a_read_only_folder_is_opened_for_looking__law(
+    tiny_run: Tiny, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was refused. Root may write anywhere: the system's answer is put in its place."""
+    folder = tmp_path / "block"
+    shutil.copytree(tiny_run.folder, folder)
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    may = os.access
+    monkeypatch.setattr("os.access", lambda path, mode: mode != os.W_OK and may(path, mode))
+    monkeypatch.setattr(Session, "open", lambda *_: pytest.fail("opened for writing"))
+    opened: list[Any] = []
+
+    def open_and_leave(inputs: Any) -> Any:
+        opened.append(inputs)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("app.verbs.review.open_desk", open_and_leave)
+    said: list[str] = []
+    given = argparse.Namespace(block=folder, port=0, no_browser=True, operator="ada",
+                               host="127.0.0.1", language="")  # fmt: skip
+    with pytest.raises(KeyboardInterrupt):
+        Visit(given, cast("Any", SimpleNamespace(say=said.append))).through_desk()
+    assert opened[0].looking
+    assert "nothing can be decided" in said[0]
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
 
 
 def test_plain_names__truth() -> None:

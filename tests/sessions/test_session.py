@@ -217,3 +217,22 @@ def test_a_folder_that_cannot_be_written_is_told__truth(tmp_path: Path) -> None:
     (tmp_path / ".gruber").write_text("a file in the way")
     with pytest.raises(StorageError, match="a file stands where a folder is needed"):
         Session.open(tmp_path, "ada")
+
+
+def test_a_session_that_is_looked_at_is_read_and_never_written__law(tmp_path: Path) -> None:
+    with Session.open(tmp_path / "block", "ada") as session:
+        session.record(Remark("place", "", "dark", (1.0, 2.0), "tone"))
+
+    def files() -> dict[Path, int]:
+        return {path: path.stat().st_mtime_ns for path in (tmp_path / "block").rglob("*")}
+
+    before = files()
+    with Session.look(tmp_path / "block", "bob") as session:
+        assert [item.who for item in session.decisions()] == ["ada"]
+        with pytest.raises(StorageError):
+            session.record(Remark("place", "", "again", (1.0, 2.0), "tone"))
+    assert files() == before
+    (tmp_path / "empty").mkdir()
+    with Session.look(tmp_path / "empty", "bob") as session:
+        assert session.decisions() == ()
+    assert list((tmp_path / "empty").iterdir()) == []

@@ -26,6 +26,8 @@ class Access:
     """Address the port listens on."""
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     """Secret in the address the operator opens; a cookie afterwards."""
+    looking: bool = False
+    """Nothing can be decided: everybody is a guest."""
 
     @property
     def guest_token(self) -> str:
@@ -62,7 +64,7 @@ class Access:
             shown = request.cookies.get(self.cookie, "")
             if not self._known(shown):
                 raise web.HTTPUnauthorized(text="Open the desk with the address it printed.")
-            request[GUEST] = not self._same(shown, self.token)
+            request[GUEST] = self.looking or not self._same(shown, self.token)
             response = await handler(request)
             if not response.prepared:
                 response.headers.update(HEADERS)
@@ -120,7 +122,10 @@ def _is_address(name: str) -> bool:
 
 
 def lasting_token(hidden: Path) -> str:
-    """The desk's secret, kept for its owner only, so that pages find a desk opened again."""
+    """The desk's secret, kept for its owner only, so that pages find a desk opened again.
+
+    A folder that may not be written keeps none.
+    """
     path = hidden / "desk-token"
     try:
         kept = path.read_text(encoding="ascii").strip()
@@ -130,6 +135,8 @@ def lasting_token(hidden: Path) -> str:
     except (FileNotFoundError, UnicodeDecodeError):
         path.unlink(missing_ok=True)
     token = secrets.token_urlsafe(24)
+    if not os.access(hidden, os.W_OK):
+        return token
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "w", encoding="ascii") as file:
         file.write(token)

@@ -35,6 +35,8 @@ interface Start {
     west: number; north: number; pixel: number; levels: number; width: number; height: number;
   };
   ortho?: boolean;
+  /** The folder may not be written: nothing can be decided. */
+  looking?: boolean;
   /** Whether photos can be placed by clicks at this desk. */
   placeable?: boolean;
   ortho_pixel: number;

@@ -76,3 +76,10 @@ def test_a_closed_desk_is_closed_once__law(inputs):
     desk.close()
     desk.close()
     desk.wait()
+
+
+def test_a_block_that_may_not_be_written_is_only_looked_at__law(inputs):
+    with open_desk(replace(inputs, looking=True)) as desk:
+        cookie = f"{desk._front.access.cookie}={'t' * 32}"
+        start = told(desk.port, "/start", cookie)
+        assert (start["guest"], start["looking"]) == (True, True)

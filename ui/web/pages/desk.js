@@ -437,6 +437,7 @@ async function open() {
   window.gruberKey = listenToKeys(takeKey);
   state.wanted = keptPlace();
   connect(receive);
+  if (start.looking) tell({ text: "notice.read-only", values: {}, grave: true });
   openScene();
   window.gruber = {
     parts: state.parts, isAhead, compareState, boardState, placementState, maskState, mosaicState,

@@ -36,7 +36,8 @@ function takeName() {
 /** @param {Status} status @param {Key} [key] where one is oneself */
 export function showPeople({ operator, people }, key) {
   byId("who").dataset.name = operator;
-  byId("who").textContent = start.guest ? word("people.guest") : operator;
+  byId("who").textContent = start.guest
+    ? word(start.looking ? "people.looking" : "people.guest") : operator;
   byId("people").hidden = people.length === 0;
   byId("people").replaceChildren(...people.map(([name, place]) => {
     const at = word("people.at", { name, point: place.join(" \u00b7 ") });

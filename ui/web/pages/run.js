@@ -17,7 +17,8 @@ export async function post(address, body = {}) {
   const answer = await fetch(address, { method: "POST", body: JSON.stringify(body), headers });
   const isJson = answer.headers.get("content-type")?.includes("json");
   if (isJson) return { ok: answer.ok, ...(await answer.json()) };
-  const error = answer.status === 403 ? word("notice.guest") : await answer.text();
+  const error = answer.status === 403 ? word(start.looking ? "notice.read-only" : "notice.guest")
+    : await answer.text();
   return { ok: answer.ok, error };
 }
 
