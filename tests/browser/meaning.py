@@ -60,6 +60,7 @@ EYE = """(() => {
       mark: document.querySelector("#board .mark.on")?.dataset.mark ?? "",
       able: !document.querySelector("[data-act=accept]")?.disabled,
       tag: e?.tagName ?? "", kind: e?.type ?? "", drafted: shown("board-draft"),
+      area: shown("scene-area"),
       inQueue: Boolean(e?.closest("#queue")), gone: isGone(),
     };
   };
@@ -161,13 +162,15 @@ def _key_means(seen: dict[str, Any]) -> Meaning | None:
     if letter in "12345":
         return Meaning("reason", must=seen["asked"] == "why")
     if letter in ("c", "Enter"):
+        if seen["area"] and letter == "Enter":
+            return None
         # After a button that is gone Enter may mean nothing; it never means anything else.
         must = seen["able"] and not (seen["gone"] and letter == "Enter")
         return Meaning("role" if letter == "c" else "refine", seen["current"], must)
     return _undo(seen) if letter == "u" else None
 
 
-_USES = {"range": ARROWS | MOVES, "checkbox": {" "}, "radio": {" ", *ARROWS}}
+_USES = {"range": ARROWS | MOVES | {"Enter"}, "checkbox": {" "}, "radio": {" ", *ARROWS}}
 
 
 def _undo(seen: dict[str, Any]) -> Meaning:
