@@ -15,7 +15,7 @@ from PIL import Image
 
 from app.report.model import ReportContent
 from app.report.page import render, requirements, under, write_report
-from app.report.wording import fine
+from app.report.wording import fine, parameter_told
 from core.adjustment.adjusted import Contradiction
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
@@ -146,7 +146,7 @@ def test_residuals_are_drawn_by_size_by_place_and_by_photo_with_what_correlates_
     pairs = [one for one in figures["parameters"] if one["partner"]]
     assert pairs
     for one in pairs[:20]:
-        assert f"{abs(one['correlation']):.2f} {one['partner']} " in text
+        assert f"{abs(one['correlation']):.2f} {parameter_told(one['partner'], TELL)} " in text
 
 
 def test_headings_say_the_finding__truth(written):
