@@ -14,9 +14,7 @@ export function openPlaced(photo) {
   if (sheet.open) return sheet.close();
   const named = new URLSearchParams({ photo, seat: start.seat });
   const src = `/pages/placing.html?${named}`;
-  const frame = element("iframe", { title: word("placing"), src });
-  // The keys are the page's as soon as it is there.
-  frame.addEventListener("load", () => frame.contentWindow?.focus());
-  sheet.append(frame);
+  // The keys are the desk's until the page takes them.
+  sheet.append(element("iframe", { title: word("placing"), src, inert: true }));
   sheet.showModal();
 }

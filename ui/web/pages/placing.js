@@ -452,6 +452,10 @@ async function open() {
   first("[data-act=theme]").addEventListener("click", nextTheme);
   byId("placing-close").addEventListener("click", () => desk?.gruberPlaced?.());
   listenToKeys(takeKey);
+  if (window.frameElement) {
+    /** @type {HTMLElement} */ (window.frameElement).inert = false;
+    window.focus();
+  }
   const wanted = scans.find((one) => one.photo === asked.get("photo"));
   choose(wanted ?? scans.find((one) => one.pairs.length) ?? scans[0]);
   const place = () => {
