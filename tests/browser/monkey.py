@@ -502,7 +502,9 @@ class DeskWalk(PageWalk):
 ROWS = """(({ rows, queue }) => {
   const drafted = new Set(queue.drafts.map(index => rows[index][0]));
   return rows.map(row => row.slice(0, 5)).filter(([name, , role]) =>
-    role !== "new" || !drafted.has(name)).sort();
+    !drafted.has(name) || (role !== "new" && !/^H\\d+$/.test(name))).sort();
 })(gruber.parts)"""
-"""What the queue holds, without points that are only drafted."""
-"""What the queue says of every measurement: point, photo, role, state, by hand."""
+"""What the queue says of every measurement: point, photo, role, state, by hand.
+
+Without points that are only drafted.
+"""
