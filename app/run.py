@@ -30,7 +30,7 @@ from app.surface import (
     usable_parts,
 )
 from app.terminal import Interruption, Voice, interruptible
-from core.adjustment.adjusted import AdjustmentReport
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import influence_of
 from core.adjustment.weights import Terrain
 from core.block import Block
@@ -247,9 +247,8 @@ class Run:
         """Lay the operator's decisions over the block and adjust it."""
         found, cameras = self.films, self.given.cameras
         block = self.session.replayed(self.assembly.report.block, found, cameras)
-        decisions = self.session.changing()
         options = self.given.adjustment
-        digest = self.digest_of("adjustment", 4, self.digests["control"], decisions, options)
+        digest = adjustment_digest(self.session, self.digests["control"], options)
         self.digests["adjustment"] = digest
         report = (
             None
@@ -401,6 +400,11 @@ class Run:
             language=self.language,
             provenance={f"digest of {name}": text[:16] for name, text in self.digests.items()},
         )
+
+
+def adjustment_digest(session: Session, control: str, options: AdjustmentOptions) -> str:
+    """Digest of an adjustment with all decisions; `control` is that of the proposed block."""
+    return session.products.digest_of("adjustment", 4, control, session.changing(), options)
 
 
 def make_orthos(

@@ -11,7 +11,7 @@ import shapely
 from app.folder_scan import Corners, Findings, FoundRaster
 from app.height_checks import height_doubts
 from app.project import Project, described
-from app.run import LAST_STAGES, WHEN_ASKED
+from app.run import LAST_STAGES, WHEN_ASKED, adjustment_digest
 from core.errors import PhotogrammetryError, ScanError
 from core.geometry.crs import operation_between, short_name
 from core.matching.reference import open_reference
@@ -175,8 +175,7 @@ def stages_ahead(project: Project, session: Session) -> Iterator[str]:
     def not_left_out(name: str) -> bool:
         return name not in WHEN_ASKED or name in project.asked_for
 
-    decisions = [recorded.decision_id for recorded in session.decisions()]
-    digest = products.digest_of("adjustment", 4, digests["control"], decisions, given.adjustment)
+    digest = adjustment_digest(session, digests["control"], given.adjustment)
     if stale or products.fresh("adjustment", digest) is None:
         yield from filter(not_left_out, LAST_STAGES)
         return

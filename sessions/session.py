@@ -141,12 +141,14 @@ class Session:
         """What was recorded after a given decision, by whomever; 0 for everything."""
         return tuple(self._recorded(row) for row in self._store.rows(after=decision_id))
 
-    def changing(self) -> list[int]:
-        """Numbers of the records that say something of the block itself.
+    def changing(self) -> tuple[Recorded, ...]:
+        """Records that say something of the block itself.
 
         What follows from the block depends on these; plans and readings of checks change nothing.
+        It depends on what was decided, not on the numbers: a session file that is put back from a
+        copy counts anew.
         """
-        return [item.decision_id for item in changing(self.decisions())]
+        return changing(self.decisions())
 
     def replayed(
         self, block: Block, found: Films | None = None, given: Mapping[str, Camera] | None = None

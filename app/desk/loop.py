@@ -208,8 +208,7 @@ class ReviewLoop:
 
     def _only_judged(self) -> bool:
         """Whether nothing was said of the block itself: a reading moves no photo."""
-        before = [item.decision_id for item in changing(self._now.recorded)]
-        return before == self._session.changing()
+        return changing(self._now.recorded) == self._session.changing()
 
     def _take_judgements(self) -> None:
         """Show plans, readings and signatures as they stand now."""

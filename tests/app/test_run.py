@@ -11,7 +11,7 @@ import pytest
 
 import app.run
 from app.project import read_project
-from app.run import STAGE_NAMES, Run, RunOptions, default_gsd_m
+from app.run import STAGE_NAMES, Run, RunOptions, adjustment_digest, default_gsd_m
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.block import TiePoints
@@ -26,6 +26,7 @@ from core.progress import Progress, Silent
 from core.results import StageResults
 from core.scans.stage import ScanSet
 from core.ties.stage import Tied
+from sessions.decisions import Accept, ReadCheck
 from sessions.session import Session
 from tests.flights import FlightPlan, fly
 
@@ -206,6 +207,19 @@ def test_a_run_ends_with_what_the_block_contradicts__truth(kitchen):
         walk.results = StageResults(adjustment=adjust_block(block.with_measurement(wrong)))
         walk.walk()
     assert listener.lines[-1].startswith(f"{key[0]} in {key[1]} was accepted by hand")
+
+
+def test_other_decisions_under_the_same_numbers_are_adjusted_anew__law(tmp_path):
+    made_from = []
+    for name, photo in (("a", "A"), ("b", "B")):
+        with Session.open(tmp_path / name, "ada") as session:
+            session.record(Accept("P1", photo))
+            first = adjustment_digest(session, "", AdjustmentOptions())
+            session.record(ReadCheck("1-01", None, None, "m", "blurred"))
+            assert adjustment_digest(session, "", AdjustmentOptions()) == first
+            assert [item.decision_id for item in session.changing()] == [1]
+            made_from.append(first)
+    assert made_from[0] != made_from[1]
 
 
 def test_only_one_walks_at_a_time__law(kitchen):

@@ -17,7 +17,8 @@ from app.verbs.review import Visit
 from core.doubts import Failure
 from core.errors import PhotogrammetryError, StorageError
 from sessions.checks import judged_parts, version_on_disk
-from sessions.decisions import Remark, SignBlock
+from sessions.decisions import ReadCheck, Remark, SignBlock
+from sessions.session import FILE as SESSION_FILE
 from sessions.session import Session
 from tests.core.scans.test_margin import scan_with_print
 from tests.tiny import Tiny
@@ -287,6 +288,11 @@ def test_what_a_setting_makes_again_is_told__truth(tiny_run: Any, tmp_path: Path
     found = starting.found()
     assert found["made"]
     assert found["ahead"] == []
+    kept = (tiny_run.folder / SESSION_FILE).read_bytes()
+    with Session.open(tiny_run.folder, "ada") as session:
+        session.record(ReadCheck("1-01", None, None, "m", "blurred"))
+    assert starting.found()["ahead"] == [], "a reading moves no photo"
+    (tiny_run.folder / SESSION_FILE).write_bytes(kept)
     file = tiny_run.folder / "block.toml"
     before = file.read_text(encoding="utf-8")
     # Before anything is saved.
