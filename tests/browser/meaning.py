@@ -11,10 +11,10 @@ from ui.words.catalogue import words
 EYE = """(() => {
   if (window.walk) return;
   const NAMES = "[data-act], [data-board], [data-check], [data-reason], .row, "
-    + "#keep button, #reasons button, #history button, .decided button, .magnified, .pane, "
+    + "#keep button, #reasons button, #history li button, .decided button, .magnified, .pane, "
     + "button, a, select, input, textarea, summary, tr, iframe";
   const NAMED = [["#keep button:first-of-type", "act accept"], ["#keep button", "drop"],
-    ["#reasons button", "reason"], ["#history button, .decided button", "back"],
+    ["#reasons button", "reason"], ["#history li button, .decided button", "back"],
     [".magnified", "magnified"], [".pane", "pane"]];
   const nameOf = from => {
     const e = from?.closest?.(NAMES);
@@ -104,7 +104,7 @@ REFUSED = (
     "read-first", "only-draft", "no-role",
 )  # fmt: skip
 ANSWERS = {
-    "undo": ("nothing-to-undo", "nothing-to-undo.here"),
+    "undo": ("nothing-to-undo", "nothing-to-undo.here"), "back": ("turned",),
     "redo": ("nothing-to-redo", "nothing-to-redo.here"), "reason": ("no-reason",),
     "refine": ("refined", "refined.photos", "not-refined"),
     "fill": ("filled", "filled-anew", "not-filled"),

@@ -248,6 +248,7 @@ class TakenBack:
 
     seat_id: str
     decision_id: int
+    again: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -437,7 +438,9 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "fit": lambda seat, message: Fitted(seat, bool(message.get("whole", True))),
     "remake": lambda seat, message: RemakeAsked(seat),
     "add": _asked,
-    "back": lambda seat, message: TakenBack(seat, int(message["decision"])),
+    "back": lambda seat, message: TakenBack(
+        seat, int(message["decision"]), bool(message.get("again"))
+    ),
     "name": _named,
     "quality": _quality,
     "free": lambda seat, message: Freed(seat, bool(message["cameras"]), bool(message["robust"])),

@@ -313,13 +313,13 @@ def shifts_m(one: AdjustmentRecord, other: AdjustmentRecord) -> dict[str, float]
     }
 
 
-def taken_back(decision_id: int, recorded: Sequence[Recorded]) -> tuple[Withdraw, ...]:
-    """What turns one decision round: withdrawn when it stands, else its withdrawal withdrawn."""
-    if not any(item.decision_id == decision_id for item in recorded):
-        return ()
+def taken_back(decision_id: int, recorded: Sequence[Recorded], again: bool) -> tuple[Withdraw, ...]:
+    """What takes one decision back, or decides it again; nothing where it already is so."""
     stands = standing(recorded)
     if any(item.decision_id == decision_id for item in stands):
-        return (Withdraw(decision_id),)
+        return () if again else (Withdraw(decision_id),)
+    if not again:
+        return ()
     undone = [
         item.decision_id
         for item in stands

@@ -136,7 +136,8 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
 def _record(gesture: TakenBack | Reviewed, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """A decision turned round, or one that judges the block and changes nothing of it."""
     if isinstance(gesture, TakenBack):
-        return Outcome(seat, taken_back(gesture.decision_id, desk.recorded))
+        turned = taken_back(gesture.decision_id, desk.recorded, gesture.again)
+        return Outcome(seat, turned, notice=None if turned else Notice("notice.turned"))
     decided, notice = decided_judgement(gesture, desk)
     return Outcome(seat, decided, notice=notice)
 

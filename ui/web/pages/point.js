@@ -53,7 +53,7 @@ function showHistory(point) {
   const lines = history.map(({ id, when, who, what, detail, stands, by }) => {
     const title = by ? `${moment(when)} \u00b7 ${word("history.by", { who: by })}` : moment(when);
     const turn = stands ? "history.back" : "history.again";
-    const back = () => send({ kind: "back", decision: id });
+    const back = () => send({ kind: "back", decision: id, again: !stands });
     const button = { class: "small", title: word(`${turn}.tip`), onclick: back,
       "data-decision": id };
     return element("li", { class: stands ? "" : "withdrawn", title },
