@@ -91,8 +91,17 @@ def test_a_run_is_cancelled_and_the_settings_stay__truth(page, tiny_block):
     page.wait_for_selector(".stage.now")
     page.click('[data-act="remake.cancel"]')
     page.wait_for_selector(".stage.stopped")
-    assert page.input_value("#field-camera-film-principal_distance_mm") == "211.59"
+    distance = "#field-camera-film-principal_distance_mm"
+    assert page.input_value(distance) == "211.59"
     page.wait_for_selector('[data-act="placing.run"]:not(:disabled)')
+    # What is written and not saved outlives the page, until it is discarded.
+    page.fill(distance, "212")
+    page.reload()
+    page.wait_for_selector('[data-act="start.discard"]')
+    assert page.input_value(distance) == "212"
+    page.click('[data-act="start.discard"]')
+    page.wait_for_selector('[data-act="start.discard"]', state="detached")
+    assert page.input_value(distance) == "211.59"
 
 
 def test_the_start_page_is_locked_as_the_desk_is__law(reviewed):

@@ -2,7 +2,8 @@
 import { again, all, byId, element, fillWords, first, number, renew, start, word }
   from "./words.js";
 import { beginRun, cancelRun, lookAgain, post, runLines, runNow, tell, watchRun } from "./run.js";
-import { fillFields, formShown, formValues, showForm } from "./start_form.js";
+import { dropWritten, fillFields, formShown, formValues, recallWritten, settleWritten, showForm }
+  from "./start_form.js";
 import { drawMap, setUpFilm, showScans } from "./start_film.js";
 import { afterPause } from "./view.js";
 import { nextTheme, setUpTheme } from "./theme.js";
@@ -24,8 +25,17 @@ async function load() {
   if (!answer.ok) return lookAgain();
   const found = await answer.json();
   if (found.error) return tell(found.error, true);
-  Object.assign(state, { found, touched: false });
+  const touched = recallWritten(found.folder);
+  if (touched && !state.found) tell(word("start.recalled"));
+  Object.assign(state, { found, touched });
   show();
+  if (touched) changed();
+}
+
+/** The settings as the file has them. */
+function discard() {
+  dropWritten();
+  load();
 }
 
 function show() {
@@ -289,6 +299,7 @@ function showGo(judged) {
         : act("placing.run", run, { class: ready && !stops ? "on main" : "main",
           disabled: start.guest || !ready || stops }),
       act("start.save", () => save(), { disabled: start.guest || running }),
+      touched ? act("start.discard", discard) : null,
       found?.made ? act("start.desk", () => open(".")) : null,
       found?.placeable && !found.made && !running
         ? act("start.place", () => open(".")) : null));
@@ -307,6 +318,7 @@ async function save() {
     tell(word("start.wrong"), true);
     return false;
   }
+  settleWritten();
   tell(word("start.saved"));
   await load();
   return true;

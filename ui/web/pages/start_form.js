@@ -8,8 +8,10 @@ const state = {
   shown: /** @type {Shown[]} */ ([]),
   /** What a hand has written: what was found later does not overwrite it. */
   written: /** @type {Record<string, string>} */ ({}),
+  folder: "",
 };
 
+const KEPT = "gruber.written.";
 const LONG = ["marks", "files", "rasters", "file"];
 
 /** @param {Form} form @param {() => void} changed */
@@ -30,6 +32,25 @@ export function showForm(form, changed) {
   byId("form").replaceChildren(...parts);
   fillFields(form);
   if (focus) document.getElementById(focus)?.focus();
+}
+
+/**
+ * What was written in this tab and not saved, also before another page took this one's place.
+ * @param {string} folder @returns {boolean} true when there is any
+ */
+export function recallWritten(folder) {
+  const kept = sessionStorage.getItem(KEPT + folder);
+  if (folder !== state.folder) Object.assign(state, { folder, written: JSON.parse(kept ?? "{}") });
+  return Boolean(kept);
+}
+
+/** What was written is in the file now. */
+export const settleWritten = () => sessionStorage.removeItem(KEPT + state.folder);
+
+/** What was written is no longer wanted. */
+export function dropWritten() {
+  settleWritten();
+  state.written = {};
 }
 
 /** Name of a field in words. @param {string} name such as camera.film.frame_mm */
@@ -55,6 +76,7 @@ function fieldPart(table, field, changed) {
   input.setAttribute("aria-describedby", `${id}-wrong`);
   input.addEventListener("input", () => {
     state.written[name] = input.value;
+    sessionStorage.setItem(KEPT + state.folder, JSON.stringify(state.written));
     room.classList.remove("proposed");
     changed();
   });
