@@ -203,6 +203,7 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
     rejected = verdict == "reject" and not stands and not extra
     after = replace(after.without_draft(key), explaining=(key,) if rejected else ())
     last = here and desk.rows[key].state in UNDECIDED and not coming(desk.rows, seat)
+    notice = Notice("notice.queue-done") if last else None
     if draft:
         decided = draft.decision
     elif extra:
@@ -213,11 +214,9 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
         decided = decision_of(verdict, key)
     if begins:
         after = after.with_recorded(key[0])
-    return Outcome(
-        after,
-        () if stands or decided is None else (*((begins,) if begins else ()), decided),
-        notice=Notice("notice.queue-done") if last else None,
-    )
+    if stands or decided is None:
+        return Outcome(after, notice=notice)
+    return Outcome(after, (begins, decided) if begins else (decided,), notice=notice)
 
 
 def _judge_together(gesture: JudgedTogether, seat: Seat, desk: DeskSnapshot) -> Outcome:
