@@ -1,7 +1,8 @@
 """The picture of a page as JSON-able values: the loop makes it, the page draws it."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,13 @@ from core.quality.check_points import STANDARD_LEAST, independent_checks, kept_o
 from sessions.decisions import NOT_VISIBLE
 from ui.review.compare import Drawn, HeightSource, Overlay, ground_from_pixel, overlay_of
 from ui.review.drafts import apply_draft, by_hand
+from ui.review.grounds import grounds_of
 from ui.review.looks import round_all, short
 from ui.review.misfit import Misfit, misfits
 from ui.review.queue import Row, coming
 from ui.review.scene import ground_level_m, ramp_top_m
 from ui.review.second_reading import readings_part
-from ui.review.state import LAYERS, POINT_KINDS, DeskState, Key, Notice, Remaking, Seat
+from ui.review.state import LAYERS, POINT_KINDS, DeskState, DoubtReason, Key, Notice, Remaking, Seat
 from ui.review.to_measure import by_view
 from ui.review.trial import Trial
 
@@ -174,6 +176,8 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
     assert measurement is not None, "there is no overlay without one"
     oriented, draft = state.oriented, seat.draft_of(key)
     shown = apply_draft(state, draft) if draft else state
+    figures = _figures(state, shown, row, pictured.trial)
+    grounds = row.grounds if draft is None else _draft_grounds(shown, row, figures["ratio"])
     return {
         "key": list(key),
         "role": row.role,
@@ -194,8 +198,8 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
             **_draft(overlay_of(shown, drawn, pictured.dem, key)),
             "asking": seat.asking == draft,
         },
-        "figures": _figures(state, shown, row, pictured.trial),
-        "why": [[ground.text, _value_of(ground.text, ground.value)] for ground in row.grounds],
+        "figures": figures,
+        "why": [[ground.text, _value_of(ground.text, ground.value)] for ground in grounds],
         "peaks": _peaks(measurement, shown.measurement_of(key) or measurement),
         "others": _others(state, rows, pictured, pictured.beside or (key,)),
         "ahead": _ahead(state, seat, rows, drawn),
@@ -211,6 +215,15 @@ def _draft(overlay: Overlay | None) -> dict[str, Any]:
         "place": round_all(overlay.measured[0], 4),
         "raw": round_all(overlay.measured_px[0], 3),
     }
+
+
+def _draft_grounds(shown: DeskState, row: Row, ratio: float | None) -> tuple[DoubtReason, ...]:
+    """Why a draft is doubtful where it lies, by the misfit that is shown of it."""
+    placed, misfit = shown.measurement_of(row.key), misfits(shown, (row.key,)).get(row.key)
+    assert placed is not None, "a draft is about a measurement"
+    if misfit and ratio is not None:
+        misfit = replace(misfit, ratio=ratio)
+    return grounds_of(placed, misfit, row.controlled, math.nan)
 
 
 def _trial(state: DeskState, trial: Trial | None) -> Part:

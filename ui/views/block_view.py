@@ -23,7 +23,7 @@ from ui.review.scene import (
 )
 from ui.review.state import SceneOptions
 from ui.review.tiles import Colour
-from ui.views.flight import Pose, flight_between, pose_inside
+from ui.views.flight import Pose, flight_between, pose_around, pose_inside
 from ui.views.meshes import needles_glb
 
 TERRAIN = "/terrain"
@@ -126,6 +126,7 @@ class BlockView:
         self._needles: viser.GlbHandle | None = None
         self._picture, self._options = picture, SceneOptions()
         self._outside: Pose | None = None
+        self._whole: tuple[Position, float] | None = None
         self._flight: list[Pose] = []
         self._build(picture)
         self.fit(None)
@@ -188,22 +189,30 @@ class BlockView:
         if inside is not None and not self._flight and np.allclose(camera.position, inside.centre):
             # The window may have another shape than before.
             self._look(pose_inside(inside, self._picture.level_m, camera.aspect))
+        elif self._whole is not None:
+            position, window = self._whole
+            if camera.aspect != window and np.allclose(camera.position, position):
+                self.fit(None)
 
     def fit(self, pointed: Pointed | None) -> None:
         """Look at the whole block from the south, or at what is current."""
-        reach = self._stage.extent_m
-        target = self._stage.middle if pointed is None else pointed.position
-        if pointed is None:
-            # Between ground and photos, so that both are in sight.
-            target = target + np.array([0.0, 0.0, 0.14 * reach])
-        camera = self._client.camera
-        narrower = np.tan(FIELD_OF_VIEW / 2) * min(camera.aspect, 1.0)
-        distance = 0.56 * reach / narrower * (1.0 if pointed is None else 0.25)
-        away = FROM_SOUTH / np.linalg.norm(FROM_SOUTH) * distance
+        reach, camera = self._stage.extent_m, self._client.camera
         camera.max_orbit_distance = 30 * reach
         camera.near, camera.far = reach * 1e-3, reach * 40
         self._outside, self._flight = None, []
-        self._look(Pose(target + away, target, UP, FIELD_OF_VIEW))
+        if pointed is None:
+            # All that lies on the ground, and the photos above it.
+            grounds = self._picture.footprints.reshape(-1, 3)
+            centres = [one.centre for one in self._picture.frustums]
+            places = np.vstack((grounds, *centres, self._stage.middle))
+            pose = pose_around(places, FROM_SOUTH, FIELD_OF_VIEW, camera.aspect)
+            self._whole = pose.position, camera.aspect
+            self._look(pose)
+        else:
+            self._whole = None
+            narrower = np.tan(FIELD_OF_VIEW / 2) * min(camera.aspect, 1.0)
+            away = FROM_SOUTH / np.linalg.norm(FROM_SOUTH) * 0.14 * reach / narrower
+            self._look(Pose(pointed.position + away, pointed.position, UP, FIELD_OF_VIEW))
 
     def _look(self, pose: Pose) -> None:
         """Put the eye somewhere."""

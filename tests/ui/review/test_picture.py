@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sessions.decisions import Place
 from tests.ui.desk_block import adjust, tiny_block
 from ui.review.compare import (
     drawn_from_block,
@@ -16,7 +17,7 @@ from ui.review.compare import (
 from ui.review.picture import Pictured, point_part, queue_part, scene_part, status_part
 from ui.review.queue import NO_ROWS, seat_down
 from ui.review.scene import scene_picture
-from ui.review.state import DeskState, Seat
+from ui.review.state import DeskState, Draft, Seat
 from ui.web.front import as_json
 
 PAGES = Path(__file__).resolve().parents[3] / "ui" / "web" / "pages"
@@ -43,6 +44,21 @@ def test_every_part_can_be_sent__law(state):
     ]
     for part in parts:
         assert json.loads(as_json(part)) is not None
+
+
+def test_a_draft_is_doubted_where_it_lies__law(state):
+    rows = NO_ROWS.renewed(state).rows
+    key = next(k for k in state.block.measurements if k not in tiny_block().blunders)
+    pictured = Pictured(drawn_from_block(state.oriented), tiny_block().land.dem)
+    seat = replace(seat_down(Seat("seat-1", "anna"), rows), current=key)
+    place = Place(*key, *map(float, state.block.measurements[key].pixel[0] + 40.0))
+    before = point_part(state, seat, rows, pictured)
+    drafted = point_part(state, seat.with_draft(Draft(key, place)), rows, pictured)
+    assert isinstance(before, dict)
+    assert isinstance(drafted, dict)
+    told = dict(drafted["why"])["doubt.misfit"]
+    assert float(told) == pytest.approx(drafted["figures"]["ratio"], abs=0.051)
+    assert float(told) > 5 > float(dict(before["why"]).get("doubt.misfit", 0.0))
 
 
 def test_a_block_without_measurements_can_be_shown__law(state):

@@ -124,11 +124,26 @@ def test_longer_misfits_have_other_colours__truth(shown):
     assert (colours[np.argmin(sizes)] != colours[np.argmax(sizes)]).any()
 
 
-def test_the_eye_is_set_so_that_the_whole_block_is_in_sight__law(shown):
-    view, _, client = shown
+def test_the_whole_block_fills_a_window_of_any_shape__law(shown):
+    view, picture, client = shown
+    camera = client.camera
     view.fit(None)
-    away = np.linalg.norm(np.asarray(client.camera.position) - np.asarray(client.camera.look_at))
-    assert 2 * away * np.tan(client.camera.fov / 2) > 2400.0
+    for window in (0.7, 1.6):
+        camera.aspect = window  # of another shape than the eye was set for
+        view.seen_from(4000.0, 3.0)
+        centres = np.array([one.centre for one in picture.frustums])
+        places = np.vstack((picture.footprints.reshape(-1, 3), centres)) - camera.position
+        ahead = np.asarray(camera.look_at) - camera.position
+        ahead /= np.linalg.norm(ahead)
+        right = np.cross(ahead, camera.up_direction)
+        right /= np.linalg.norm(right)
+        frame = np.column_stack((right, np.cross(right, ahead)))
+        half = np.tan(camera.fov / 2) * np.array([window, 1.0])
+        shares = places @ frame / (places @ ahead)[:, None] / half
+        widest = np.abs(shares).max(axis=0)
+        assert (widest < 0.85).all()  # the tools lie at the rims
+        assert widest.max() > 0.75
+        assert shares[:, 0].max() == pytest.approx(-shares[:, 0].min(), abs=0.05)  # in the middle
 
 
 def test_the_chosen_photo_stands_out_with_its_points__law(shown):

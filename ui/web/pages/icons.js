@@ -42,6 +42,9 @@ export const SHAPES = {
   map: drawn("M2 4l4-1.5 4 1.5 4-1.5v9.5l-4 1.5-4-1.5-4 1.5zM6 2.5v9.5M10 4v9.5"),
   mosaic: drawn("M2 4.5h5l1.5 3-1 5.5H2zM7 4.5h7v8.5H7.5M8.5 7.5L14 6"),
   mask: drawn("M9.5 3l3.5 3.5-6 6H3.5v-3.5zM8 4.5l3.5 3.5M2 14.5h12"),
+  list: drawn("M6 4h7.5M6 8h7.5M6 12h7.5M2.8 4h.1M2.8 8h.1M2.8 12h.1"),
+  file: drawn("M4 2h5.5l3 3v9H4zM9.5 2v3h3"),
+  gear: drawn("M3 4.5h4M10 4.5h3M8.5 3v3M3 8h1.5M7.5 8H13M6 6.5v3M3 11.5h5.5M11.5 11.5H13M10 10v3"),
   pin: drawn("M8 14.5c-3-3.5-4.5-5-4.5-7a4.5 4.5 0 0 1 9 0c0 2-1.5 3.5-4.5 7zM8 7h.1"),
   play: drawn("M5 3.5l7 4.5-7 4.5z"),
   tiles: drawn("M2.5 2.5h4.5v4.5h-4.5zM9 2.5h4.5v4.5h-4.5z"

@@ -119,7 +119,7 @@ function label({ kind, points, look, label: key, number: shown, below }, { x, y 
   const place = middle ? mean(points.length > 2 && kind === "line"
     ? [points[points.length >> 3]] : points) : points[0];
   const [left, down] = [x(place[0]), y(place[1])];
-  const upright = kind === "line" && points.length === 2
+  const upright = (kind === "line" || kind === "arrow") && points.length === 2
     && Math.abs(x(points[1][0]) - x(points[0][0])) < Math.abs(y(points[1][1]) - y(points[0][1]));
   const beside = !middle || upright;
   const late = left > 0.8 * width;

@@ -25,7 +25,6 @@ const state = {
 export function setUpPoints() {
   const button = byId("points-open");
   button.hidden = start.guest;
-  button.textContent = word("points");
   button.title = word("points.tip");
   if (button.hidden) return;
   button.addEventListener("click", open);

@@ -131,19 +131,25 @@ function maps(found) {
   const [wide, high] = [Math.max(east - west, 1), Math.max(north - south, 1)];
   const unit = Math.max(wide, high) / 420;
   const at = (/** @type {Pair} */ [x, y]) => [x - west, north - y];
-  const box = [-12 * unit, -12 * unit, wide + 24 * unit, high + 44 * unit].join(" ");
-  const low = high + 22 * unit;
+  const vectors = [...control.map(([x, y, dx, dy]) => [x, y, dx, dy]), ...checks]
+    .map((place) => place.map(Number));
+  const lengths = vectors.map((p) => Math.hypot(p[2], p[3])).sort((a, b) => a - b);
+  const typical = lengths[Math.floor(0.8 * lengths.length)] || 1;
+  const longer = (24 * unit) / typical;
+  // Arrows may leave the block; an arrow of a blunder does not make all else small.
+  const [over, under] = [Math.min, Math.max].map((most) => [0, 1].map((axis) => most(0,
+    ...vectors.map(([x, y, dx, dy]) => at([x + dx * longer, y + dy * longer])[axis]
+      - (most === Math.max ? [wide, high][axis] : 0)))));
+  const room = (/** @type {number} */ beyond) => Math.min(Math.abs(beyond), 60 * unit) + 12 * unit;
+  const low = high + room(under[1]) + 10 * unit;
+  const box = [-room(over[0]), -room(over[1]), wide + room(over[0]) + room(under[0]),
+    low + 10 * unit + room(over[1])].join(" ");
   const ground = roundBelow(wide / 5);
   const draw = (/** @type {Node[]} */ ...children) => svg("svg", { viewBox: box, class: "map" },
     ...Object.values(outlines).map((ring) => svg("polygon", {
       points: ring.map((p) => at(p).join(",")).join(" "),
       class: "outline", "stroke-width": 0.8 * unit,
     })), ...children, ...scaleBar([0, low], ground, number(ground, 0, "m"), unit));
-  const vectors = [...control.map(([x, y, dx, dy]) => [x, y, dx, dy]), ...checks]
-    .map((place) => place.map(Number));
-  const lengths = vectors.map((p) => Math.hypot(p[2], p[3])).sort((a, b) => a - b);
-  const typical = lengths[Math.floor(0.8 * lengths.length)] || 1;
-  const longer = (24 * unit) / typical;
   const arrows = vectors.flatMap((place, index) => {
     const [point, photo] = (control[index] ?? []).slice(4);
     const drawn = vector(place, at, unit, longer, index < control.length ? "control" : "check");

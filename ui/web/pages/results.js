@@ -23,7 +23,6 @@ export function tellResults({ written_ms: written }) {
 export function setUpResults() {
   const button = byId("results-open");
   button.hidden = !start.results;
-  button.textContent = word("results");
   button.title = word("results.tip");
   button.addEventListener("click", open);
   const sheet = byId("results");

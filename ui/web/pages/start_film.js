@@ -124,7 +124,7 @@ export function showScans(scans) {
 function thumbPart(scan) {
   const { photo, file, size, why, bytes } = scan;
   const said = why ? word(why === "gone" ? "start.gone" : "start.unreadable")
-    : `${size?.join("\u00d7")}  ${fileSize(bytes ?? 0)}`;
+    : `${size?.join("\u00d7")}\n${fileSize(bytes ?? 0)}`;
   return element("button", {
     type: "button", class: `thumb${why ? " bad" : ""}`, "data-photo": photo,
     title: why ? `${file}: ${again(why)}` : file, onclick: () => choose(scan),

@@ -88,7 +88,10 @@ export const tip = (key) => start.words[`${key}.tip`] ?? null;
 /** The texts of a page that are written in its HTML. */
 export function fillWords() {
   document.documentElement.lang = start.language;
-  for (const place of all("[data-word]")) place.textContent = word(place.dataset.word ?? "");
+  for (const place of all("[data-word]")) {
+    const { icon, word: key } = place.dataset;
+    place.replaceChildren(...(icon ? [glyph(icon, "currentColor", 15)] : []), word(key ?? ""));
+  }
   for (const place of all("[data-label]")) {
     place.setAttribute("aria-label", word(place.dataset.label ?? ""));
   }
