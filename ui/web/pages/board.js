@@ -199,9 +199,8 @@ function freshLine(row) {
 /** @param {ScanRow} row @param {Fiducial} cell */
 function thumb(row, cell) {
   const middle = cell.place ?? cell.expected;
-  const length = cell.residual && Math.hypot(...cell.residual);
-  // Small ones are not told as nought.
-  const off = length && `${number(length, length < 9.95 ? 1 : 0)}\u2009\u00b5m`;
+  const length = cell.residual ? Math.hypot(...cell.residual) : null;
+  const off = length === null ? "" : `${number(length, length < 9.95 ? 1 : 0)}\u2009\u00b5m`;
   const score = cell.score === null ? null : number(cell.score, 2);
   const words = cell.state === "hidden" || cell.state === "missing" ? word(`board.${cell.state}`)
     : [off, score].filter(Boolean).join(" \u00b7 ");

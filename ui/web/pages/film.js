@@ -92,8 +92,9 @@ function vector(mark, longer, unit) {
   const words = numbers(vectorOf(mark), 1);
   // Inside the frame, where no line runs; beside the frame's sides, where no arrow goes.
   const above = Math.abs(x) > 1.2 * Math.abs(y) ? ey > y : y > 0;
+  const inward = (ex - x) * x < 0 && (ey - y) * y < 0;
   const label = {
-    x: x + (x > unit ? -3 : 3) * unit, y: y + (above ? -4 : 6.5) * unit, "font-size": 4.4 * unit,
+    x: (inward ? ex : x) + (x > unit ? -3 : 3) * unit, y: y + (above ? -4 : 6.5) * unit, "font-size": 4.4 * unit,
     "text-anchor": x > unit ? "end" : "start", class: "legend",
   };
   return svg("g", {}, ...parts, svg("title", {}, `${name}: ${words} \u00b5m`),
