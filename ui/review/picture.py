@@ -272,7 +272,7 @@ def _raw(overlay: Overlay) -> Part:
     }
 
 
-def _figures(state: DeskState, shown: DeskState, row: Row, trial: Trial | None) -> Part:
+def _figures(state: DeskState, shown: DeskState, row: Row, trial: Trial | None) -> dict[str, Any]:
     """The figures of a measurement, or those of the draft about it beside the measured ones.
 
     Args:

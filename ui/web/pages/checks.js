@@ -1,6 +1,6 @@
 // Checks: the same detail marked in mosaic and reference, without the program's opinion.
 import { again, byId, element, first, focused, number, renew, start, word } from "./words.js";
-import { cleared, crosshair, expectedMark, measuredMark } from "./overlay.js";
+import { cleared, crosshair, expectedMark, measuredMark, scaleBar } from "./overlay.js";
 import {
   drawLayer, groundFromLayer, layerFromGround, mosaicLayer, onTile, orthoLayer,
 } from "./tiles.js";
@@ -313,6 +313,7 @@ function draw() {
     if (side) expectedMark(over, onScreen(place.at), COLOUR, RING_PX);
     const mark = state.marks[side];
     if (mark) measuredMark(over, onScreen(mark), COLOUR);
+    scaleBar(over, size, pane.view.scale, side ? start.ortho_pixel : mosaic.pixel ?? 1);
     const { cursor } = state;
     if (cursor?.side === side) crosshair(over, pane.screenFromLayer(cursor.at), width, height);
     pane.where.textContent = cursor?.side === side

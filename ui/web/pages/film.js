@@ -94,8 +94,8 @@ function vector(mark, longer, unit) {
   const above = Math.abs(x) > 1.2 * Math.abs(y) ? ey > y : y > 0;
   const inward = (ex - x) * x < 0 && (ey - y) * y < 0;
   const label = {
-    x: (inward ? ex : x) + (x > unit ? -3 : 3) * unit, y: y + (above ? -4 : 6.5) * unit, "font-size": 4.4 * unit,
-    "text-anchor": x > unit ? "end" : "start", class: "legend",
+    x: (inward ? ex : x) + (x > unit ? -3 : 3) * unit, y: y + (above ? -4 : 6.5) * unit,
+    "font-size": 4.4 * unit, "text-anchor": x > unit ? "end" : "start", class: "legend",
   };
   return svg("g", {}, ...parts, svg("title", {}, `${name}: ${words} \u00b5m`),
     svg("text", label, `${name} \u00b7 ${number(Math.hypot(...vectorOf(mark)), 1)}`));

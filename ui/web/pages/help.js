@@ -29,8 +29,8 @@ export function toggleHelp() {
     element("div", { class: "two" }, element("table", {}, ...lines.slice(0, half)),
       element("table", {}, ...lines.slice(half))),
     element("div", { class: "marks-key" }, ...looks, ...marks),
-    element("p", {}, word("place.hint")), element("p", {}, word("help.pictures")),
-    element("p", {}, word("help.camera")), ...sheets,
+    element("div", { class: "gestures" }, element("p", {}, word("place.hint")),
+      element("p", {}, word("help.pictures")), element("p", {}, word("help.camera")), ...sheets),
     element("p", {}, element("button", { onclick: tour }, word("tour"))));
   dialog.showModal();
   // Its only button stands at the end: one reads from the beginning.

@@ -2,7 +2,7 @@
 import {
   again, byId, element, first, number, renew, shortName, start, tip, word,
 } from "./words.js";
-import { cleared, halo, text } from "./overlay.js";
+import { cleared, halo, scaleBar, text } from "./overlay.js";
 import { drawLayer, groundFromLayer, layerFromGround, onTile, orthoLayer } from "./tiles.js";
 import { ARROWS, Pane, View, ZOOMS, oncePerFrame, paneElement } from "./view.js";
 import { openPlaced } from "./placed.js";
@@ -256,6 +256,7 @@ function draw() {
     text(over, shortName(one.photo), [at[0] + 7, at[1] - 7], colour);
   }
   drawQueue(over, onScreen);
+  scaleBar(over, [width, height], view.scale, start.ortho_pixel);
 }
 
 /** The points of the queue, and the area they lie in or that is being drawn.

@@ -14,10 +14,12 @@ export function startTour() {
   state.step = 0;
   byId("tour").addEventListener("close", ended, { once: true });
   byId("tour").showModal();
+  addEventListener("resize", show);
   show();
 }
 
 function ended() {
+  removeEventListener("resize", show);
   localStorage.setItem("gruber.tour", "seen");
   document.querySelector(".toured")?.classList.remove("toured");
 }
