@@ -1,6 +1,6 @@
 """Blunders that look right: what finds the same wrong object in every photo, what a hand accepted.
 
-Run: python -m tests.benchmarks.prove_planted [--cases N] [--by-hand BLOCK ...]
+Run: python -m tests.benchmarks.prove_planted [--cases N] [--by-hand BLOCK ...] [--metres M ...]
 
 Flights with known truth, sixty junctions each; one junction of two photos or more is found at the
 same wrong place, 4 to 12 m off, in all of them, so that no epipolar line tells. Printed: planted
@@ -8,10 +8,11 @@ points left out in every photo, and good measurements lost. Ends with 1 when few
 left out or more than 1 % of the good is lost.
 
 `--by-hand`: on copies of blocks, run where they lie, a measurement in use is placed 3, 8 and 18 m
-off and accepted at the desk, one at a time. Printed after one adjustment: what the verdict, the
-queue's filter and the report say of it. Ends with 1 when one of the three does not name what is six
-standard deviations off (the test's limit is 3.7, and luck may hide two), states a size that is
-three of its own standard deviations wrong, or names another measurement.
+off (or as `--metres` says, for pixels of many metres) and accepted at the desk, one at a time.
+Printed after one adjustment: what the verdict, the queue's filter and the report say of it. Ends
+with 1 when one of the three does not name what is six standard deviations off (the test's limit is
+3.7, and luck may hide two), states a size that is three of its own standard deviations wrong, or
+names another measurement.
 """
 
 import argparse
@@ -20,6 +21,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -125,8 +127,8 @@ def _named(findings: list[dict[str, Any]]) -> Said:
     }
 
 
-def all_by_hand(blocks: list[Path]) -> int:
-    """Three sizes on a copy of each block, run where it lies; 1 where one was not told right."""
+def all_by_hand(blocks: list[Path], sizes: Sequence[float]) -> int:
+    """All sizes on a copy of each block, run where it lies; 1 where one was not told right."""
     wrong = 0
     for number, block in enumerate(blocks):
         made = tempfile.TemporaryDirectory()
@@ -134,7 +136,7 @@ def all_by_hand(blocks: list[Path]) -> int:
         shutil.copytree(block, folder)
         run = [sys.executable, "-m", "gruber", "run", str(folder)]
         subprocess.run(run, check=True, capture_output=True)
-        for metres in BY_HAND_M:
+        for metres in sizes:
             told = by_hand(folder, metres, np.random.default_rng((number, int(metres))))
             with Session.open(folder, "planted") as session:
                 session.undo("planted")
@@ -156,9 +158,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=100)
     parser.add_argument("--by-hand", type=Path, nargs="+", default=[])
+    parser.add_argument("--metres", type=float, nargs="+", default=BY_HAND_M)
     given = parser.parse_args()
     if given.by_hand:
-        return all_by_hand(given.by_hand)
+        return all_by_hand(given.by_hand, given.metres)
     results = [planted(seed) for seed in range(given.cases)]
     caught = sum(out for _, out, _, _ in results)
     lost, good = sum(r[2] for r in results), sum(r[3] for r in results)
