@@ -95,6 +95,10 @@ class BlockForm:
             for key in missing_reference(given | out, brought=False)
         }
         sections = [_section(name, known, proposed, needed) for name in _tables(given)]
+        for shown in (one for section in sections for one in section["fields"]):
+            name = shown["key"].removesuffix("_sigma_m")
+            if name != shown["key"] and name in recognition.pixels_m:
+                shown["why"] = [name, recognition.pixels_m[name]]
         base = Document(self.file, toml_of(recognition)) if document is None else document
         files = dict(_files(base))
         return FormRead(

@@ -79,6 +79,18 @@ class FoundRaster:
         return "ortho" if self.bands <= 4 and self.dtype.kind == "u" else "other"
 
     @property
+    def pixel_m(self) -> float | None:
+        """Size of a pixel on the ground, metres; None where its file does not tell it."""
+        if self.crs is None or not self.corners:
+            return None
+        (x, y), _, (right, below), _ = self.corners
+        if self.crs.is_geographic:
+            apart_m = self.crs.get_geod().inv(x, y, right, below)[2]
+        else:
+            apart_m = np.hypot(right - x, below - y) * self.crs.axis_info[0].unit_conversion_factor
+        return float(apart_m / np.hypot(*self.size_px))
+
+    @property
     def is_preview(self) -> bool:
         """True for a small copy of a scan."""
         return self.kind == "scan" and min(self.size_px) < SMALLEST_SIDE_PX

@@ -16,6 +16,7 @@ from app.folder_scan import Findings, FoundLayer, FoundRaster, Kind, find
 from core.errors import CrsError, ProjectError
 from core.geometry.crs import parse_crs, short_name
 from core.georeference.archive import GeoreferenceKind
+from core.matching.reference import DEM_SIGMA, ORTHO_SIGMA
 from sessions.atomic_write import whole_file
 
 FRAMES_MM = (90.0, 120.0, 180.0, 230.0, 300.0)
@@ -26,6 +27,11 @@ EXTERIOR_HEADER = ("scan", "X", "Y", "Z", "omega_deg", "phi_deg", "kappa_deg")
 """How a list of exterior orientations begins."""
 CONTROL_HEADER = ("id", "X", "Y", "Z")
 """How a list of surveyed points begins."""
+EXPECTED = {
+    "ortho_sigma_m": "accuracy of the orthophoto, expected of its pixel",
+    "dem_sigma_m": "accuracy of the terrain model, expected of its cell",
+}
+"""What is said of an accuracy that nobody stated."""
 UNKNOWN_DISTANCE = (
     "# FILL IN: principal distance from the camera certificate, millimetres, such as 211.59;",
     "# left out, it is estimated: make and model of the camera help",
@@ -82,6 +88,8 @@ class Recognition:
     """Paths or globs of the ortho sheets."""
     dem: tuple[str, ...]
     """Paths or globs of terrain heights."""
+    pixels_m: Mapping[str, float]
+    """Finest pixel of `ortho` and cell of `dem`, where known, metres."""
     roads: tuple[str, ...]
     """Road layers."""
     buildings: str | None
@@ -113,6 +121,14 @@ class Recognition:
             ("crs", short_name(CRS.from_user_input(self.crs)) if self.crs else ""),
         )
         return tuple((name, value) for name, value in lines if value)
+
+    @property
+    def sigmas_m(self) -> Mapping[str, float]:
+        """Accuracy to expect of ortho and terrain by their pixels, by key of [reference]."""
+        rules = {"ortho": ORTHO_SIGMA, "dem": DEM_SIGMA}
+        return {
+            f"{name}_sigma_m": rules[name].expected_m(size) for name, size in self.pixels_m.items()
+        }
 
     @property
     def stands_alone(self) -> bool:
@@ -169,6 +185,11 @@ def recognise_files(folder: Path, findings: Findings) -> Recognition:
         _table(folder, findings, EXTERIOR_HEADER),
         _patterns(folder, orthos, findings.rasters),
         _patterns(folder, dems, findings.rasters),
+        {
+            name: size
+            for name, found in (("ortho", orthos), ("dem", dems))
+            if (size := _finest(found))
+        },
         tuple(dict.fromkeys(_relative(folder, layer.path) for layer in layers if _is_road(layer))),
         _polygons(folder, layers, "building", "budov", "house", "gebaeude"),
         _polygons(folder, layers, "bridge", "most"),
@@ -235,8 +256,10 @@ def toml_of(found: Recognition, accepted: Mapping[str, Any] = MappingProxyType({
     reference = (
         *files,
         *_lines(roads=found.roads, buildings=found.buildings, bridges=found.bridges),
-        "ortho_sigma_m = 0.25  # accuracy of the orthophoto: check",
-        "dem_sigma_m = 0.5  # accuracy of the terrain model: check",
+        *(
+            f"{_line(key, sigma)}  # {EXPECTED[key]}: check"
+            for key, sigma in found.sigmas_m.items()
+        ),
     )
     block = (_line("name", found.folder.name), _or_comment("crs", found.crs, "CRS of the ortho"))
     tables = {"block": block, f"camera.{CAMERA}": camera, "scans": scans, "reference": reference}
@@ -316,6 +339,12 @@ def _patterns(
         else:
             patterns += [_relative(folder, item.path) for item in inside if item in wanted]
     return tuple(patterns)
+
+
+def _finest(rasters: Sequence[FoundRaster]) -> float | None:
+    """Smallest pixel, metres: the finest sheets are used first."""
+    found = min((raster.pixel_m for raster in rasters if raster.pixel_m), default=None)
+    return found and float(f"{found:.3g}")
 
 
 def _relative(folder: Path, path: Path) -> str:

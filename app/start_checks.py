@@ -14,7 +14,13 @@ from app.project import Project, described
 from app.run import LAST_STAGES, WHEN_ASKED, adjustment_digest
 from core.errors import PhotogrammetryError, ScanError
 from core.geometry.crs import operation_between, short_name
-from core.matching.reference import open_reference
+from core.matching.reference import (
+    DEM_SIGMA,
+    ORTHO_SIGMA,
+    Reference,
+    ReferenceFiles,
+    open_reference,
+)
 from core.mosaic.composition import MosaicProduct
 from core.pipeline import STAGES, Stage
 from core.raster.scan_file import check_fits_camera, open_scan
@@ -90,11 +96,26 @@ def _data(project: Project) -> list[Check]:
     """Reference and lists, opened once."""
     try:
         given = described(project)
-        dem = open_reference(given.reference).dem
-        doubts = height_doubts(project, given.surveyed, dem)
+        opened = open_reference(given.reference)
+        doubts = height_doubts(project, given.surveyed, opened.dem)
     except PhotogrammetryError as error:
         return [[True, "error", {"text": error.told}]]
-    return [[False, "heights", {"text": doubt.message}] for doubt in doubts]
+    told: list[Check] = [[False, "heights", {"text": doubt.message}] for doubt in doubts]
+    return [*_sigmas(given.reference, opened), *told]
+
+
+def _sigmas(files: ReferenceFiles, opened: Reference) -> Iterator[Check]:
+    """What is stated better than pixels can bear: every accuracy of the report rests on it."""
+    for name, given, rule, source, stated_m in (
+        ("ortho", files.ortho, ORTHO_SIGMA, opened.ortho, opened.ortho_sigma_m),
+        ("dem", files.dem, DEM_SIGMA, opened.dem, opened.dem_sigma_m),
+    ):
+        pixel_m = source.ground_sample_distance_m
+        # A pixel of a reprojected file comes with a rest of its computation.
+        if given and stated_m < rule.least_px * pixel_m * (1 - 1e-6):
+            values = {"stated": stated_m, "pixel": float(f"{pixel_m:.3g}"),
+                      "expected": rule.expected_m(pixel_m)}  # fmt: skip
+            yield [False, f"fine.{name}", values]
 
 
 def _scans(project: Project, scans: Mapping[str, str]) -> list[Check]:

@@ -34,6 +34,34 @@ NOWHERE: Bounds = (0.0, 0.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
+class SigmaRule:
+    """What accuracy a reference of a pixel size can have, where nobody says more."""
+
+    usual_m: float
+    """Standard deviation of usual national data; nothing better is expected, metres."""
+    expected_px: float
+    """Standard deviation to expect, pixels."""
+    least_px: float
+    """What is stated finer than this is asked about, pixels."""
+
+    def expected_m(self, pixel_m: float) -> float:
+        """Standard deviation to expect, metres, of two digits."""
+        return max(self.usual_m, float(f"{self.expected_px * pixel_m:.2g}"))
+
+
+# design: a pixel of usual national orthos; `block.toml` states it.
+# source: ASPRS Positional Accuracy Standards (2014), table B.5: an RMSE of one pixel per axis is
+# the best work, two are usual. 1/sqrt(12) = 0.29 pixels is what a place known to the pixel has.
+ORTHO_SIGMA = SigmaRule(0.25, 1.0, 0.25)
+"""Of an ortho, per axis."""
+# source: SRTM, cells of 30 m: 3.4 to 5.5 m (Rodriguez et al. 2006), ASTER 8.7 m, Copernicus 2.4 m:
+# 0.08 to 0.29 cells. It is what a shift by one cell makes on a slope of 1 : 5; a quarter of a cell
+# on 1 : 10 is the least.
+DEM_SIGMA = SigmaRule(0.5, 0.2, 0.025)
+"""Of the heights of a terrain model, whose cells are the pixels."""
+
+
+@dataclass(frozen=True, slots=True)
 class ReferenceFiles:
     """The files of a reference, and how good they are: keys of [reference] in `block.toml`."""
 
@@ -49,10 +77,9 @@ class ReferenceFiles:
     """Polygons in which nothing may be matched."""
     bridges: Path | None = None
     """Polygons of bridges."""
-    # design: a pixel of usual national orthos; `block.toml` states it.
-    ortho_sigma_m: float = 0.25
+    ortho_sigma_m: float = ORTHO_SIGMA.usual_m
     """Standard deviation of the ortho per axis, metres."""
-    dem_sigma_m: float = 0.5
+    dem_sigma_m: float = DEM_SIGMA.usual_m
     """Standard deviation of a height, metres."""
     level_m: float | None = None
     """Mean height of the user's surveyed points, metres: the ground where there is no DEM."""

@@ -210,7 +210,33 @@ def test_real_block_is_recognised_as_its_own_file_says__real(shared_data: Path) 
     assert {found.folder / path for path in found.roads} == set(project.reference.roads)
 
 
-def test_real_frames_with_a_small_terrain_model__real(shared_data: Path) -> None:
+@pytest.mark.parametrize(("pixel_m", "sigmas"), [(0.2, (0.25, 0.5)), (10.0, (10.0, 2.0))])
+def test_accuracies_are_expected_of_the_pixels__truth(
+    tmp_path: Path, pixel_m: float, sigmas: tuple[float, float]
+) -> None:
+    """A pixel of the ortho, a fifth of a cell of the terrain: 0.25 m and 0.5 m were proposed."""
+    to_scale = rasterio.Affine(pixel_m, 0.0, -743000.0, 0.0, -pixel_m, -1043000.0)
+    raster(tmp_path / "ortho.tif", bands=3, crs=CRS, transform=to_scale)
+    # In degrees: 9e-5 of them are 10 m to the north, and the mean of both axes counts.
+    small = rasterio.Affine(pixel_m * 9e-6, 0.0, 14.0, 0.0, -pixel_m * 9e-6, 0.5)
+    raster(tmp_path / "dem.tif", dtype="float32", crs="EPSG:4326", transform=small)
+    found = recognise(tmp_path)
+    assert found.pixels_m == pytest.approx({"ortho": pixel_m, "dem": pixel_m}, rel=0.01)
+    assert tuple(found.sigmas_m.values()) == sigmas
+    text = write_block_toml(found).read_text()
+    assert (
+        f"ortho_sigma_m = {sigmas[0]}  # accuracy of the orthophoto, expected of its pixel" in text
+    )
+
+
+def test_nothing_is_expected_of_a_reference_that_is_not_there__law(tmp_path: Path) -> None:
+    assert "sigma" not in write_block_toml(recognise(tmp_path)).read_text()
+
+
+def test_real_frames_with_a_small_terrain_model__real(shared_data: Path, tmp_path: Path) -> None:
     found = recognise(shared_data / "ngi-baviaanskloof")
     assert (found.scan_count, found.dem) == (4, ("frames/dem.tif",))
     assert "reference/sentinel2_b432_byte.tif" in found.ortho
+    (tmp_path / "frames").symlink_to(shared_data / "ngi-baviaanskloof" / "frames")
+    (tmp_path / "reference").symlink_to(shared_data / "ngi-baviaanskloof" / "reference")
+    assert recognise(tmp_path).sigmas_m == {"ortho_sigma_m": 10.0, "dem_sigma_m": 4.8}

@@ -319,6 +319,25 @@ def test_what_a_setting_makes_again_is_told__truth(tiny_run: Any, tmp_path: Path
         assert session.products.latest_value("walked")
 
 
+def test_an_accuracy_that_pixels_cannot_bear_is_asked_about__truth(data: Path) -> None:
+    """An ortho of 10 m was taken at 0.25 m without a word, and the block passed."""
+    starting = Starting(data)
+    (reference,) = (s for s in starting.found()["form"]["sections"] if s["table"] == "reference")
+    shown = {field["key"]: field for field in reference["fields"]}
+    sigmas = {name: shown[f"{name}_sigma_m"] for name in ("ortho", "dem")}
+    assert [one["more"] for one in sigmas.values()] == [False, False]
+    assert [one["value"] for one in sigmas.values()] == [0.8, 1.0]
+    assert [one["why"] for one in sigmas.values()] == [["ortho", 0.8], ["dem", 5.0]]
+    values = values_of(starting) | {DISTANCE: 211.59, "camera.film.fiducials_mm": MARKS}
+    for ortho, dem, asked in ((0.8, 1.0, []), (0.21, 0.13, []), (0.19, 0.12, ["ortho", "dem"])):
+        stated = {"reference.ortho_sigma_m": ortho, "reference.dem_sigma_m": dem}
+        assert starting.save(values | stated)["saved"]
+        told = [(grave, name) for grave, name, _ in starting.found()["checks"]]
+        assert told == [(False, f"fine.{name}") for name in asked]
+    (ortho, _) = (values for _, _, values in starting.found()["checks"])
+    assert ortho == {"stated": 0.19, "pixel": 0.8, "expected": 0.8}
+
+
 def test_what_is_required_is_marked_unless_points_do__truth(data: Path) -> None:
     def marked() -> set[str]:
         (reference,) = (s for s in Starting(data).found()["form"]["sections"]

@@ -549,6 +549,8 @@ interface FormField {
   range: number[];
   choices: string[];
   more: boolean;
+  /** What a proposal was reckoned from: `form.why.NAME` and a size in metres. */
+  why?: [name: string, size: number];
 }
 interface Judged {
   /** By field; under no name what concerns the whole file. */

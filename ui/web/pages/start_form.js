@@ -71,7 +71,9 @@ function fieldPart(table, field, changed) {
   const label = element("label", { for: id, title: tip(kind) ?? `[${table}] ${field.key}` },
     word(kind), field.required ? element("em", {}, "\u00a0*") : null);
   const proposed = !field.known && field.value !== null && state.written[name] === undefined;
-  const room = element("div", { class: `field${proposed ? " proposed" : ""}` }, label, input,
+  const why = proposed && field.why ? element("small", {},
+    word(`form.why.${field.why[0]}`, { size: field.why[1] })) : null;
+  const room = element("div", { class: `field${proposed ? " proposed" : ""}` }, label, input, why,
     element("span", { class: "wrong", id: `${id}-wrong` }));
   input.setAttribute("aria-describedby", `${id}-wrong`);
   input.addEventListener("input", () => {
