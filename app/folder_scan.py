@@ -85,7 +85,9 @@ class FoundRaster:
             return None
         (x, y), _, (right, below), _ = self.corners
         if self.crs.is_geographic:
-            apart_m = self.crs.get_geod().inv(x, y, right, below)[2]
+            geod = self.crs.get_geod()
+            assert geod is not None, "degrees without an ellipsoid"
+            apart_m = geod.inv(x, y, right, below)[2]
         else:
             apart_m = np.hypot(right - x, below - y) * self.crs.axis_info[0].unit_conversion_factor
         return float(apart_m / np.hypot(*self.size_px))
