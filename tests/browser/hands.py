@@ -76,8 +76,8 @@ def settled(page) -> None:
     page.wait_for_function("!gruber.parts.status.adjusting")
 
 
-def keep_draft(page) -> None:
-    """Accept the draft in sight, once more where the desk asks; then the next point is shown."""
+def accept(page) -> None:
+    """Accept what is in sight, once more where the desk asks; then the next point is shown."""
     caught_up(page)
     page.keyboard.press("y")
     page.wait_for_function("!gruber.parts.point.draft || gruber.parts.point.draft.asking")
@@ -94,7 +94,7 @@ def place_wrongly(page, away_px: float = 60) -> str:
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.click(middle[0] + away_px, middle[1] - away_px)
     page.wait_for_function("gruber.parts.point.draft")
-    keep_draft(page)
+    accept(page)
     becomes(page, point, "accepted")
     settled(page)
     return point

@@ -351,7 +351,7 @@ class DeskWalk(PageWalk):
                 continue
             self.press(what)
             seen = self.page.evaluate("walk.seen.splice(0)")
-            drafted = drafted or what in ARROWS or any(one["drafts"] for one in seen)
+            drafted = drafted or what in (*ARROWS, "y") or any(one["drafts"] for one in seen)
             if drafted and what not in stays:
                 # A draft that the desk asks about stays one where the hand has gone on.
                 meant = [replace(one, must=one.must and one.what != "accept") for one in meant]

@@ -13,6 +13,7 @@ from sessions.decisions import Accept, Reject, SetRole, Withdraw
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, SIZE, scene_of, toured
 from tests.browser.hands import (
+    accept,
     becomes,
     caught_up,
     current,
@@ -43,7 +44,7 @@ PRESSED = """keys => keys.forEach(key => key.includes("|")
 def test_keys_ahead_of_the_row_just_chosen_are_about_it__law(sit, tmp_path):
     page = sit(scene=False)
     first, *rows = page.evaluate("[...document.querySelectorAll('.row')].map(r => r.dataset.key)")
-    one, two, three, four, five = rows[:5]
+    one, two, three, four, *_, five = rows
     page.evaluate(PRESSED, [one, "n", "2"])
     page.wait_for_function("gruber.parts.status.decided === 1")
     caught_up(page)
@@ -130,8 +131,7 @@ def test_y_n_u_change_state_and_sigma_nought__truth(sit):
     assert sigma(page) < first_sigma
     assert current(page) != rejected
     accepted = current(page)
-    caught_up(page)
-    page.keyboard.press("y")
+    accept(page)
     becomes(page, accepted, "accepted")
     page.wait_for_selector("#working:not(.busy)", state="attached")
     page.keyboard.press("Control+z")
@@ -345,7 +345,7 @@ def test_yes_right_after_a_filter_decides_nothing__law(sit):
     page.wait_for_selector(".notice")
     caught_up(page)
     assert page.evaluate("gruber.parts.status.decided") == 0
-    page.keyboard.press("y")
+    accept(page)
     page.wait_for_function("gruber.parts.status.decided === 1")
 
 
@@ -505,7 +505,6 @@ def test_a_hand_ahead_of_the_picture_judges_nothing_twice__law(sit):
     assert state_of(page, first) == "dubious"
     assert page.evaluate("gruber.parts.status.decided") == 1
     second = current(page)
-    caught_up(page)
-    page.keyboard.press("y")
+    accept(page)
     page.wait_for_function("gruber.parts.status.decided === 2")
     assert state_of(page, second) == "accepted"

@@ -10,7 +10,7 @@ from app.project import read_project
 from sessions.decisions import ReadCheck
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, RealDesk, toured
-from tests.browser.hands import settled, unfold
+from tests.browser.hands import accept, settled, unfold
 
 Sit = Callable[..., Any]
 OVERHEAR = """(() => {
@@ -93,7 +93,7 @@ def show(page: Any, sheet: str) -> None:
 
 def test_what_arrives_leaves_the_focus_where_it_is__law(page: Any) -> None:
     """On the desk with all unfolded, and on every sheet."""
-    page.keyboard.press("y")
+    accept(page)
     page.wait_for_function("gruber.parts.status.decided > 0 && !gruber.isAhead()")
     page.click('.chip[data-state="accepted"]')
     page.select_option("#sieve-role", "control")

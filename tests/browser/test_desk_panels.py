@@ -8,12 +8,12 @@ from app.desk.wiring import open_desk
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, SIZE
 from tests.browser.hands import (
+    accept,
     becomes,
     caught_up,
     current,
     gone_on,
     grow,
-    keep_draft,
     look_at,
     settled,
     state_of,
@@ -36,7 +36,7 @@ def test_a_new_point_is_clicked_in_the_ortho_and_taken_back__truth(sit, desk):
     key = "|".join(page.evaluate("gruber.parts.point.key"))
     assert page.locator("#keep").is_visible()
     assert page.evaluate("gruber.parts.status.decided") == 0
-    keep_draft(page)
+    accept(page)
     page.wait_for_function("gruber.parts.status.decided === 2")
     assert state_of(page, key) == "accepted"
     caught_up(page)
@@ -85,7 +85,7 @@ def test_a_decision_of_the_history_is_taken_back_by_its_button__truth(sit):
     first = current(page)
     page.keyboard.press("m")
     gone_on(page, first)
-    page.keyboard.press("y")
+    accept(page)
     page.wait_for_function("gruber.parts.status.decided === 2")
     look_at(page, first)
     unfold(page)
@@ -256,7 +256,7 @@ def test_focused_controls_keep_their_keys_and_the_desk_has_the_rest__law(sit):
 def test_what_is_decided_leaves_the_list_and_the_rest_is_counted__law(sit):
     page = sit(scene=False)
     first, shown = current(page), page.evaluate("gruber.parts.queue.shown.length")
-    page.keyboard.press("y")
+    accept(page)
     becomes(page, first, "accepted")
     # A key is of the row on screen: until the desk has gone on, N would turn the first one over.
     gone_on(page, first)

@@ -6,7 +6,7 @@ import numpy as np
 
 from app.desk.wiring import open_desk
 from sessions.session import Session
-from tests.browser.hands import gone_on, keep_draft
+from tests.browser.hands import accept, gone_on
 from tests.ui.desk_block import desk_inputs
 
 STEP, OFFSET, ZOOM = 16, np.array([0.37, 0.61]), 8.0
@@ -59,7 +59,7 @@ def test_clicks_on_dots_place_within_a_tenth_of_a_pixel__truth(tmp_path, sit_at,
         for _ in range(6):
             errors.append(placed_error(page))
             before = page.get_attribute(".row.current", "data-key")
-            keep_draft(page)
+            accept(page)
             gone_on(page, before)
         settled_count = page.evaluate("gruber.parts.status.decided")
     with Session.open(tmp_path, "reader") as session:

@@ -1,6 +1,6 @@
 """Drafts: where a draft lies in block or scan, and whether to ask before it is kept."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,8 +11,8 @@ from core.scans.fiducials import HAND_SIGMA_PX
 from sessions.decisions import Place, PlaceFiducial, Recorded
 from sessions.replay import replay
 from sessions.scan_decisions import mark_changes, with_changes
-from ui.review.misfit import misfits
-from ui.review.state import DeskState, Draft, InitialState, Seat
+from ui.review.misfit import Misfit, misfits
+from ui.review.state import DeskState, Draft, InitialState, Key, Seat
 
 ASKING_SIGMA = 3.0
 """A draft further than this from where the block expects it is asked about before it is kept: one
@@ -38,6 +38,14 @@ def draft_ratio(state: DeskState, draft: Draft) -> float:
 def is_to_be_asked(state: DeskState, seat: Seat, draft: Draft) -> bool:
     """True for a draft that contradicts the block and was not accepted once already."""
     return seat.asking != draft and draft_ratio(state, draft) > ASKING_SIGMA
+
+
+def lies_against(state: DeskState, misfits: Mapping[Key, Misfit], key: Key) -> bool:
+    """True for a place that is to be asked about, too, where nobody has moved the measurement."""
+    placed, expected = state.measurement_of(key), state.to_measure.predictions.get(key)
+    if placed is not None and expected is not None and state.is_waiting(key):
+        return expected.sigmas_away(placed.column, placed.row, placed.sigma_px) > ASKING_SIGMA
+    return key in misfits and misfits[key].ratio > ASKING_SIGMA
 
 
 @dataclass(frozen=True, slots=True, eq=False)

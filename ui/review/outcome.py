@@ -9,6 +9,7 @@ import numpy as np
 from core.arrays import PixelPoints
 from sessions.decisions import (
     REASONS,
+    Accept,
     ChoosePeak,
     Decision,
     JudgeFiducial,
@@ -22,7 +23,7 @@ from ui.review.check_gestures import BlockSigned, CheckRead, Remarked, Reviewed
 from ui.review.checking import decided_judgement
 from ui.review.compare import pixel_from_ground
 from ui.review.doubtful import verdict_on
-from ui.review.drafts import is_to_be_asked, mark_effect
+from ui.review.drafts import is_to_be_asked, lies_against, mark_effect
 from ui.review.drawing import MaskDrawn, decided_mask
 from ui.review.gestures import (
     Aimed,
@@ -114,23 +115,12 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return _measure(gesture, seat, desk)
         case RoleSwitched():
             return _switch_role(gesture, seat, desk)
-        case (
-            Undone()
-            | Redone()
-            | Dropped()
-            | RemakeAsked()
-            | RemakeCancelled()
-            | Fitted()
-            | Freed()
-            | AnswerAsked()
-        ):
-            return _act(gesture, seat, desk)
         case TakenBack() | CheckRead() | BlockSigned() | Remarked():
             return _record(gesture, seat, desk)
         case Aimed() | mosaic.MosaicPicked() | sight.Outlined():
             return _aim(gesture, seat, desk)
         case _:
-            return Outcome(_moved(gesture, seat, desk))
+            return _act(gesture, seat, desk)
 
 
 def _record(gesture: TakenBack | Reviewed, seat: Seat, desk: DeskSnapshot) -> Outcome:
@@ -142,19 +132,8 @@ def _record(gesture: TakenBack | Reviewed, seat: Seat, desk: DeskSnapshot) -> Ou
     return Outcome(seat, decided, notice=notice)
 
 
-def _act(
-    gesture: Undone
-    | Redone
-    | Dropped
-    | RemakeAsked
-    | RemakeCancelled
-    | Fitted
-    | Freed
-    | AnswerAsked,
-    seat: Seat,
-    desk: DeskSnapshot,
-) -> Outcome:
-    """What only the loop can do, and drafts given up."""
+def _act(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """What only the loop can do, drafts given up, and walks that decide nothing."""
     match gesture:
         case Dropped(key=key):
             return Outcome(seat.without_draft(key))
@@ -176,6 +155,8 @@ def _act(
         case Fitted(whole=whole):
             seat = _with_photo(seat, seat.scene.photo)
             return Outcome(seat, act="fit whole" if whole else "fit current")
+        case _:
+            return Outcome(_moved(gesture, seat, desk))
 
 
 def _judge(gesture: Judged | JudgedTogether, seat: Seat, desk: DeskSnapshot) -> Outcome:
@@ -208,10 +189,13 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
         decided = draft.decision
     elif extra:
         decided = verdict_on(desk.state.extra, key, verdict == "accept")
-    elif desk.state.is_waiting(key) and verdict == "accept":
-        decided = Place(*key, measurement.column, measurement.row, measurement.sigma_px)
     else:
         decided = decision_of(verdict, key)
+        if verdict == "accept" and desk.state.is_waiting(key):
+            decided = Place(*key, measurement.column, measurement.row, measurement.sigma_px)
+        if isinstance(decided, Accept | Place) and _lies_against(key, desk):
+            asked = seat.with_draft(Draft(key, decided))
+            return Outcome(replace(asked, asking=asked.draft_of(key)))
     if begins:
         after = after.with_recorded(key[0])
     if stands or decided is None:
@@ -219,14 +203,26 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
     return Outcome(after, (begins, decided) if begins else (decided,), notice=notice)
 
 
+def _lies_against(key: Key, desk: DeskSnapshot) -> bool:
+    """True for a measurement that nobody accepted yet and that contradicts the block."""
+    state, measurement = desk.state, desk.state.measurement_of(key)
+    if measurement is None or standing_verdict(measurement) == "accept":
+        return False
+    is_control = key not in state.extra.measurements
+    return is_control and lies_against(state, desk.table.figures.misfits, key)
+
+
 def _judge_together(gesture: JudgedTogether, seat: Seat, desk: DeskSnapshot) -> Outcome:
-    """One verdict on several, recorded as one act; drafts that contradict the block stay drafts."""
-    decided, done = list[Decision](), list[Key]()
+    """One verdict on several, recorded as one act; what contradicts the block is not accepted."""
+    decided, done, far = list[Decision](), list[Key](), 0
     notice, looked_at, moved = None, seat.current, False
     for key in sorted(gesture.keys, key=lambda key: seat.order.index(key)):
         draft = seat.draft_of(key) if gesture.verdict == "accept" else None
         if draft and is_to_be_asked(desk.state, seat, draft):
             notice = Notice("notice.still-drafts")
+            continue
+        if gesture.verdict == "accept" and not draft and _lies_against(key, desk):
+            far += 1
             continue
         one = _judge_one(Judged(seat.seat_id, key, gesture.verdict), seat, desk)
         unseen = draft is None and key != looked_at
@@ -237,6 +233,8 @@ def _judge_together(gesture: JudgedTogether, seat: Seat, desk: DeskSnapshot) -> 
         done.append(key)
         moved = moved or one.seat.current != looked_at
         seat, notice = replace(one.seat, current=looked_at), notice or one.notice
+    if far:
+        notice = Notice("notice.far-off", {"count": f"{far}"})
     if moved:
         seat = replace(seat, current=_next_open(seat, desk, done))
     asked = [(one.point_id, one.photo_id) for one in decided if isinstance(one, Reject)]

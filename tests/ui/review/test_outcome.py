@@ -16,6 +16,7 @@ from sessions.decisions import (
 )
 from tests.ui.desk_block import tiny_block, tiny_snapshot
 from ui.review.compare import ground_from_pixel
+from ui.review.drafts import ASKING_SIGMA
 from ui.review.gestures import (
     Aimed,
     Dropped,
@@ -39,7 +40,7 @@ from ui.review.gestures import (
 from ui.review.outcome import outcome_of
 from ui.review.queue import next_open, seat_down, showing, visible, with_filter
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Draft, Extra, QueueFilter, Seat
+from ui.review.state import Draft, Extra, Notice, QueueFilter, Seat
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +53,12 @@ def seat(desk: DeskSnapshot) -> Seat:
     return seat_down(Seat("seat-1", "anna"), desk.rows)
 
 
+def plain(desk, seat):
+    """Keys in sight that the block does not contradict."""
+    misfits = desk.table.figures.misfits
+    return tuple(key for key in visible(desk.rows, seat) if misfits[key].ratio < ASKING_SIGMA)
+
+
 @pytest.mark.parametrize(
     ("verdict", "decision"),
     [
@@ -62,15 +69,17 @@ def seat(desk: DeskSnapshot) -> Seat:
     ],
 )
 def test_a_verdict_is_a_decision_and_goes_to_the_next__law(desk, seat, verdict, decision):
-    found = outcome_of(Judged(seat.seat_id, seat.current, verdict), seat, desk)
+    here, after = plain(desk, seat)[:2]
+    seat = replace(seat, current=here, order=plain(desk, seat))
+    found = outcome_of(Judged(seat.seat_id, here, verdict), seat, desk)
     (made,) = found.decisions
     assert isinstance(made, decision)
-    assert (made.point_id, made.photo_id) == seat.current
-    assert found.seat.current == visible(desk.rows, seat)[1]
+    assert (made.point_id, made.photo_id) == here
+    assert found.seat.current == after
 
 
 def test_a_verdict_on_a_point_already_left_does_not_step__law(desk, seat):
-    here, there = visible(desk.rows, seat)[:2]
+    here, there = plain(desk, seat)[:2]
     found = outcome_of(Judged(seat.seat_id, there, "accept"), replace(seat, current=here), desk)
     assert found.decisions == (Accept(*there),)
     assert found.seat.current == here
@@ -154,14 +163,30 @@ def test_a_draft_against_the_block_is_asked_about_once__law(desk, seat):
 
 
 def test_several_at_once_are_one_act_and_drafts_in_doubt_wait__law(desk, seat):
-    keys = visible(desk.rows, seat)[:4]
+    keys = plain(desk, seat)[:4]
     pixel = desk.state.block.measurements[keys[2]].pixel[0]
     seat = seat.with_draft(Draft(keys[2], Place(*keys[2], *map(float, pixel + 40))))
     found = outcome_of(JudgedTogether(seat.seat_id, keys[::-1], "accept"), seat, desk)
     assert found.decisions == tuple(Accept(*key) for key in keys if key != keys[2])
     assert found.notice.text == "notice.still-drafts"
     assert found.seat.draft_of(keys[2]) is not None
-    assert found.seat.current == keys[2]
+    # Those that nobody moved wait as well, and are counted.
+    far = [key for key in visible(desk.rows, seat) if key not in plain(desk, seat)]
+    found = outcome_of(JudgedTogether(seat.seat_id, (*far, keys[0]), "accept"), seat, desk)
+    assert found.decisions == (Accept(*keys[0]),)
+    assert found.notice == Notice("notice.far-off", {"count": f"{len(far)}"})
+
+
+def test_a_measurement_against_the_block_is_asked_about_once__law(desk, seat):
+    key = next(key for key in visible(desk.rows, seat) if key not in plain(desk, seat))
+    seat = replace(seat, current=key)
+    first = outcome_of(Judged(seat.seat_id, key, "accept"), seat, desk)
+    assert (first.decisions, first.seat.current) == ((), key)
+    assert first.seat.asking == first.seat.draft_of(key) == Draft(key, Accept(*key))
+    kept = outcome_of(Judged(seat.seat_id, key, "accept"), first.seat, desk)
+    assert (kept.decisions, kept.seat.drafts) == ((Accept(*key),), ())
+    rejected = outcome_of(Judged(seat.seat_id, key, "reject"), first.seat, desk)
+    assert (rejected.decisions, rejected.seat.drafts) == ((Reject(*key, "other"),), ())
 
 
 def test_a_place_outside_the_scan_is_refused_in_words__law(desk, seat):
