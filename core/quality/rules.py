@@ -246,7 +246,7 @@ def _against(one: Contradiction, block: Block, limit_m: float) -> Finding:
     told = {
         "worst": one.point_id, "photo": one.photo_id, "metres": f"{one.metres:.1f}",
         "pixels": f"{one.pixels:.1f}", "test": f"{one.test:.1f}", "shift": f"{one.shift_m:.2f}",
-        "limit": f"{limit_m:.2f}",
+        "limit": f"{limit_m:.2f}", "most": f"{max(one.metres, one.shift_m):.2f}",
     }  # fmt: skip
     if block.surveyed[one.point_id].role == "check":
         return Finding("contradicted-check", DOUBTFUL, told)
