@@ -16,7 +16,7 @@ def scans_line(results: StageResults) -> Said:
     if not rms:
         return say("{count:# scan|# scans}, {aside} set aside, no fiducials", **told)
     return say(
-        "{count:# scan|# scans}, {aside} set aside, fiducials {rms:.1f} um rms",
+        "{count:# scan|# scans}, {aside} set aside, fiducials {rms:.1f} µm rms",
         rms=sum(rms) / len(rms),
         **told,
     )

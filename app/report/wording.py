@@ -9,8 +9,11 @@ from itertools import islice
 from statistics import median
 from typing import Any
 
+from pyproj import CRS
+
 from core.adjustment.significance import CONSTANT_NAMES
 from core.doubts import Doubt
+from core.geometry.crs import short_name
 from core.quality.check_points import STANDARD_LEAST
 from core.quality.rules import SIGMA_NOUGHT
 from core.said import say
@@ -34,7 +37,7 @@ def findings(figures: Figures, tell: Teller) -> dict[str, str]:
     return {
         "title": tell("report.title", **block),
         "subtitle": tell("report.subtitle.heights" if block["heights"] else "report.subtitle",
-                         crs=block["crs"], heights=block["heights"]),
+                         crs=short_name(CRS(block["crs"])), heights=block["heights"]),
         "headline": _headline(figures, tell),
         "sigma": _sigma(adjustment, tell),
         "settled": tell(settled, **adjustment),

@@ -143,8 +143,8 @@ def short_name(crs: CRS) -> str:
         return ":".join(authority)
     if crs.name.lower() not in ("unnamed", "unknown", ""):
         return crs.name
-    method = crs.coordinate_operation.method_name if crs.coordinate_operation else "geographic"
-    return f"an unnamed CRS ({method})"
+    method = crs.coordinate_operation.method_name if crs.coordinate_operation else say("geographic")
+    return say("an unnamed CRS ({method})", method=method)
 
 
 @dataclass(frozen=True, slots=True)

@@ -211,7 +211,7 @@ def fit_interior(
     if interior.rms_um > limit_um(interior.pixel_size_mm):
         return Failure(
             say(
-                "The fiducials do not fit their certificate: RMS {rms_um:.0f} um.",
+                "The fiducials do not fit their certificate: RMS {rms_um:.0f} µm.",
                 rms_um=interior.rms_um,
             ),
             {

@@ -204,7 +204,7 @@ def check_fits_camera(
     raise ScanError(
         scan.path,
         say(
-            "{columns} x {rows} pixels of {pixel:g} um are {wide:.0f} x {high:.0f} mm, "
+            "{columns} x {rows} pixels of {pixel:g} µm are {wide:.0f} x {high:.0f} mm, "
             "which does not fit the {frame_wide:g} x {frame_high:g} mm frame of camera "
             "'{name}'.",
             columns=scan.size_px[0],
@@ -218,7 +218,7 @@ def check_fits_camera(
         ),
         say(
             "Check scan_pixel_um in [scans] (a frame that fills the scan would need "
-            "{implied:.1f} um) and frame_mm of the camera, or give this scan its own "
+            "{implied:.1f} µm) and frame_mm of the camera, or give this scan its own "
             "camera in [[scans.override]].",
             implied=implied_um.min(),
         ),

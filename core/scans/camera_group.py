@@ -277,7 +277,7 @@ def marks_estimated(camera: Camera, estimated: EstimatedMarks) -> Doubt:
         "as one or two photos show them, taken to lie symmetrically"
         if estimated.photos < FEW
         else say(
-            "to {sigma:.0f} um from {count} photos",
+            "to {sigma:.0f} µm from {count} photos",
             sigma=1000 * estimated.sigma_mm,
             count=estimated.photos,
         )

@@ -391,7 +391,7 @@ def _of_marks(
             "fiducial-residual",
             photo_id,
             say(
-                "The fiducials fit their certificate with {rms_um:.0f} um RMS, more than "
+                "The fiducials fit their certificate with {rms_um:.0f} µm RMS, more than "
                 "their measurement explains.",
                 rms_um=interior.rms_um,
             ),

@@ -54,8 +54,8 @@ KEYS = (
 )  # fmt: skip
 QUICK = (*"yynnmvcuUjk12", "ArrowRight", "ArrowDown", "Escape", "Enter", "row", "row")
 AWAY = frozenset({
-    "settings-open", "act settings", "placing-start", "act placing.run", "act start.desk",
-    "act start.place", "act start.link.this", "act start.open.this",
+    "language", "settings-open", "act settings", "placing-start", "act placing.run",
+    "act start.desk", "act start.place", "act start.link.this", "act start.open.this",
 })  # fmt: skip
 """Leave the page or begin a run: tests of the start page go that way."""
 

@@ -259,3 +259,17 @@ def test_the_theme_of_the_system_is_followed_while_the_page_is_open__law(sit):
     page.emulate_media(color_scheme="no-preference")
     page.emulate_media(color_scheme="dark")
     assert page.evaluate(theme) == "light"
+
+
+def test_the_language_is_changed_at_the_desk_and_kept__law(sit):
+    page = sit(scene=False)
+    for language in ("cs", "en"):
+        page.click("#language")
+        page.wait_for_function(f"document.documentElement.lang === '{language}'")
+        page.wait_for_selector(".row.current")
+        assert page.text_content("#queue h2") == words(language)["queue"]
+    page.click("#language")
+    page.wait_for_function("document.documentElement.lang === 'cs'")
+    page.reload()
+    page.wait_for_selector(".row.current")
+    assert page.text_content("#queue h2") == words("cs")["queue"]

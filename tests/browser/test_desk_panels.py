@@ -163,7 +163,66 @@ def test_quality_leads_to_points_and_photos_in_the_queue__truth(sit):
     page.wait_for_function(
         "name => document.querySelector('.row.current').innerText.includes(name)", arg=point
     )
+    # By key as well: Tab comes to the first arrow, arrows to the next.
+    page.keyboard.press("b")
+    page.focus('#quality [data-map="residuals"] g.goes[tabindex="0"]')
+    page.keyboard.press("ArrowRight")
+    point = page.evaluate("document.activeElement.getAttribute('aria-label')")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#quality", state="hidden")
+    page.wait_for_function(
+        "name => document.querySelector('.row.current').innerText.includes(name)", arg=point
+    )
     assert page.evaluate("gruber.parts.status.decided") == 0
+
+
+def test_quality_leads_from_parts_bars_and_doubts__truth(sit):
+    page = sit(scene=False)
+    page.keyboard.press("b")
+    page.wait_for_selector("#quality p.verdict")
+    quality = page.evaluate("gruber.parts.quality")
+    assert page.locator("#quality .ramped .ramp").is_visible()
+    cells = page.locator('#quality [data-part="control"] .cells button')
+    counts = [int(text) for text in cells.all_inner_texts()]
+    assert counts == [count for row in quality["control_cells"] for count in row]
+    held = counts.index(max(counts))
+    cells.nth(held).click()
+    page.wait_for_selector("#quality", state="hidden")
+    page.wait_for_selector("#sieve-area:not([hidden])")
+    page.wait_for_function("gruber.parts.queue.filter.area.length === 4")
+    shown = page.evaluate("new Set(gruber.areaShown().places.map(String)).size")
+    assert shown >= counts[held]
+    page.keyboard.press("b")
+    page.locator('#quality [data-part="rays"] button.link').first.click()
+    page.wait_for_selector("#desk[data-grown=block]")
+    page.wait_for_function("gruber.parts.scene.layers.ties")
+    page.keyboard.press("b")
+    page.locator("#quality li", has_text="check").locator("button").first.click()
+    page.wait_for_selector("#quality", state="hidden")
+
+
+def test_a_sort_by_hand_shows_the_top_and_keeps_the_row__law(sit):
+    page = sit(scene=False, size={"width": 1366, "height": 620})
+    page.click('[data-state="all"]')
+    page.wait_for_function("gruber.parts.queue.filter.state === 'all'")
+    top = "document.querySelector('#table').scrollTop"
+    page.evaluate(top + " = 9999")
+    page.locator(".row").last.click()
+    caught_up(page)
+    before = current(page)
+    assert page.evaluate(top) > 0
+    for descending in (True, False):
+        page.click('[data-column="misfit"]')
+        page.wait_for_function(
+            "down => gruber.parts.queue.sort.column === 'misfit'"
+            " && gruber.parts.queue.sort.descending === down",
+            arg=descending,
+        )
+        page.wait_for_function(top + " === 0")
+        caught_up(page)
+        assert page.evaluate(top) == 0
+        key = page.evaluate("gruber.parts.point.key.join('|')")
+        assert key == before
 
 
 def test_two_people_see_names_and_where_the_other_is__law(sit):

@@ -133,7 +133,7 @@ DECIDING = {
 ON_BOARD = {"keep": "JudgeFiducial", "hide": "JudgeFiducial"}
 AWAY = {
     "act=placing.run", "act=start.desk", "act=start.place", "act=start.save", "placing-start",
-    "settings-open", "mosaic-remake",
+    "language", "settings-open", "mosaic-remake",
 }  # fmt: skip
 """Write settings, begin a run, leave the page, or go once their work is done: others test them."""
 DECIDING_ELSEWHERE = {f"board={name}" for name in (*ON_BOARD, "undo", "fill")}

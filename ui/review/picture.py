@@ -32,6 +32,8 @@ DIGITS = {
 # design: one in ninety lies outside, of two coordinates together.
 ELLIPSE_SIGMAS = 3.0
 """The ellipse about a predicted place has so many standard deviations."""
+FINE_PLACES = 4
+"""Of parts whose length the page tells with two, as the queue does."""
 AHEAD = 2
 """Measurements whose pictures are fetched before they are needed."""
 Part = dict[str, Any] | list[Any] | int | None
@@ -293,9 +295,9 @@ def _figures(state: DeskState, shown: DeskState, row: Row, trial: Trial | None) 
     if drafted and trial and trial.against is not None:
         ratio = trial.against
     return {
-        "misfit": round_all(now.pixels if now else None, 2),
-        "misfit_before": round_all(old.pixels if old else None, 2),
-        "ground": round_all(now.metres if now else None, 2),
+        "misfit": round_all(now.pixels if now else None, FINE_PLACES),
+        "misfit_before": round_all(old.pixels if old else None, FINE_PLACES),
+        "ground": round_all(now.metres if now else None, FINE_PLACES),
         "ratio": short(ratio, 1),
         "residual": round_all(state.residual_px(row.key), 2) if row.state in IN_USE else None,
         "sigma": short(measurement.sigma_px, 2),

@@ -94,7 +94,8 @@ def _overlaps(found: BlockQuality) -> list[list[Any]]:
 def _map(state: DeskState, polygons: dict[str, shapely.Polygon]) -> dict[str, Any]:
     """Places in metres from the block's origin: outlines, control, checks, ties with sigma.
 
-    A control point also tells its name, and the photo of the measurement to go to.
+    Origin, and the bounds whose nine parts control is counted in, are of the block's CRS. A control
+    point also tells its name, and the photo of the measurement to go to.
     """
     report, origin = state.report, state.block.origin[:2]
     surveyed = state.block.surveyed
@@ -117,7 +118,10 @@ def _map(state: DeskState, polygons: dict[str, shapely.Polygon]) -> dict[str, An
     sound = np.flatnonzero(np.isfinite(report.tie_positions).all(axis=1))
     drawn = sound[:: max(1, -(-len(sound) // TIES_DRAWN))]
     sigmas = np.linalg.norm(report.tie_sigmas_m[drawn, :2], axis=1) if len(drawn) else []
+    every = shapely.union_all(list(polygons.values())).bounds if polygons else (0.0,) * 4
     return {
+        "origin": [float(value) for value in origin],
+        "bounds": [_number(value, 1) for value in every],
         "outlines": {
             name: [[round(x - origin[0]), round(y - origin[1])] for x, y in polygon.exterior.coords]
             for name, polygon in polygons.items()

@@ -20,7 +20,7 @@ from core.said import Said, say
 from ui.web.access import Access, is_guest
 from ui.web.channel import Channel
 from ui.web.tiles import ScanTiles, tile_routes
-from ui.words.catalogue import KEYS, messages, preferred_language, words
+from ui.words.catalogue import KEYS, LANGUAGES, messages, preferred_language, words
 
 PAGES = Path(__file__).parent / "pages"
 SCENE_PATH = "/scene"
@@ -43,6 +43,8 @@ INTO_SCENE = (
     '<link rel="stylesheet" href="/pages/scene.css"><script src="/pages/scene.js"></script></head>'
 )
 """Put into viser's page: hides its panel and hands our keys up to the desk."""
+LANGUAGE_COOKIE = "gruber-language"
+"""Set by `words.js`; cookies know no ports: what is chosen on one page holds on all."""
 Serve = Callable[[web.Request], Awaitable[web.StreamResponse]]
 PLAIN_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,80}")
 RESULT_CONTENT = {
@@ -99,7 +101,7 @@ class FrontInputs:
     routes: tuple[web.RouteDef, ...] = ()
     """Addresses of this desk's own."""
     language: str = ""
-    """Of the texts; that of each browser when empty."""
+    """Of the texts until a page chooses; that of each browser when empty."""
 
 
 class Front:
@@ -215,13 +217,20 @@ class Front:
         taken = channel is not None and channel.taken(wanted)
         own = request.query.get("own") == "1" or not taken
         seat = wanted if SEAT_NAME.fullmatch(wanted) and own else secrets.token_urlsafe(9)
-        language = self._inputs.language
-        language = language or preferred_language(request.headers.get("Accept-Language", ""))
+        language = self._language(request)
         texts = {"words": words(language), "language": language, "keys": KEYS,
                  "messages": messages(language)}  # fmt: skip
         told = {**texts, **self._inputs.start, **self._inputs.told()}
         whole = as_json({**told, "seat": seat, "guest": is_guest(request)})
         return web.Response(text=whole, content_type="application/json")
+
+    def _language(self, request: web.Request) -> str:
+        """Chosen on a page; else at the start of the program; else the browser's own."""
+        chosen = request.cookies.get(LANGUAGE_COOKIE, "")
+        if chosen in LANGUAGES:
+            return chosen
+        accepted = request.headers.get("Accept-Language", "")
+        return self._inputs.language or preferred_language(accepted)
 
     @property
     def _upstream(self) -> Upstream:

@@ -193,6 +193,8 @@ interface Quality {
   pattern_counts: number[][];
   control_cells: number[][];
   map: {
+    origin: Pair;
+    bounds: number[];
     outlines: Record<string, Pair[]>;
     control: [...(number | null)[], point: string, photo: string | null][];
     checks: (number | null)[][];
@@ -570,7 +572,7 @@ interface Found {
   notes: [name: string, values: Record<string, string>][];
   scans: FoundScan[];
   crs: string;
-  outlines: { kind: string; name: string; crs: string; corners: Pair[] }[];
+  outlines: { kind: string; name: string; crs: Told; corners: Pair[] }[];
   form: Form;
   /** Figures of the last report; verdicts with whether they still hold. */
   blocks: { path: string; run: boolean; written: boolean; sigma: number | null; m_p: number | null; open: number;

@@ -15,6 +15,8 @@ from core.geometry.crs import (
     same_coordinates,
     short_name,
 )
+from core.said import Said
+from ui.words.catalogue import Teller
 
 KOBYLI = np.array([[-576837.67, -1195069.54], [-574000.0, -1193000.0]])
 
@@ -116,3 +118,11 @@ def test_a_grid_that_is_missing_is_named_and_nothing_is_guessed__law(monkeypatch
     monkeypatch.setattr("core.geometry.crs.TransformerGroup", lambda *_, **__: group)
     with pytest.raises(CrsError, match=r"cz_cuzk_CR-2005\.tif"):
         operation_between("EPSG:5514", "EPSG:32633", np.array([[-743e3, -1043e3]]), "dem.tif")
+
+
+def test_a_crs_without_code_or_name_is_told_in_every_language__law():
+    method = "Transverse Mercator"
+    found = short_name(CRS("+proj=tmerc +lat_0=0 +lon_0=15 +ellps=bessel"))
+    assert isinstance(found, Said)
+    assert found == f"an unnamed CRS ({method})"
+    assert Teller("cs").again(found) == f"nepojmenovaný systém ({method})"

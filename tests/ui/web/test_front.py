@@ -83,6 +83,14 @@ def test_texts_are_in_the_language_chosen_or_else_the_browsers__law(
     assert (start["name"], start["guest"]) == ("kobyli", False)
 
 
+@pytest.mark.parametrize(("kept", "language"), [("cs", "cs"), ("de", "en"), ("", "en")])
+def test_a_language_chosen_on_a_page_goes_before_all_others__law(inputs, kept, language):
+    with Visitor(replace(inputs, language="en")) as visitor:
+        cookie = f"{visitor.cookie}; gruber-language={kept}"
+        start = json.loads(visitor.get("/start", Cookie=cookie)[1])
+    assert start["language"] == language
+
+
 def test_pages_have_their_policy_and_nothing_else_is_served__law(inputs):
     with Visitor(inputs) as visitor:
         page, body = visitor.get("/")

@@ -36,10 +36,11 @@ export function setUpBoard() {
   });
 }
 
-/** @param {Board} [known] */
-export function openBoard(known) {
+/** @param {Board} [known] @param {string} [tab] */
+export function openBoard(known, tab = state.tab) {
   const sheet = byId("board");
   if (sheet.open) return sheet.close();
+  state.tab = tab;
   const waiting = element("p", { class: "muted" }, word("wait"));
   first(".view-body", sheet).replaceChildren(waiting);
   sheet.showModal();

@@ -49,6 +49,14 @@ export function grow(part = state.under) {
   if (focused()?.checkVisibility({ visibilityProperty: true }) === false) focused()?.blur();
 }
 
+/** @param {string} part */
+export function growTo(part) {
+  const { grown } = byId("desk").dataset;
+  if (grown === part) return;
+  if (grown) grow(grown);
+  grow(part);
+}
+
 /** What is not needed to decide is shown, or folded away. */
 export function toggleDetails() {
   const open = byId("details").hidden === true;

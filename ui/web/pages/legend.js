@@ -63,7 +63,7 @@ export function showLegend(scene) {
       STATES.flatMap((name) => [stateGlyph(name, 12), word(`state.${name}`)])],
     [layers.checks, "legend.checks", () => [roleGlyph("check", 12)]],
     [layers.vectors || layers.tie_vectors, "legend.vectors", () =>
-      ["0", ramp(sizes), number(top, top < 1 ? 2 : 0, "m")]],
+      ["0", ramp(sizes), `\u2265 ${number(top, top < 1 ? 2 : 0, "m")}`]],
     [layers.ellipses, "legend.ellipses", () => [glyph("circle", ellipse, 13)]],
     [layers.ties, "legend.rays", () => rays.flatMap((colour, i) => [dot(colour),
       `${i + FEWEST_RAYS}${i === rays.length - 1 ? "+" : ""}`])],

@@ -29,6 +29,8 @@ const state = {
   status: /** @type {Status | null} */ (null),
   /** The mosaic before the one that is shown: seen while the new one is drawn. */
   before: /** @type {Mosaic | null} */ (null),
+  /** A place to go to once the mosaic is told. */
+  wanted: /** @type {Pair | null} */ (null),
   /** Questions are numbered, also those of a page that was loaded anew. */
   number: Date.now(),
   look: { mode: "side", share: 0.5, seams: true, borders: false, wallis: false, blink: false },
@@ -96,11 +98,13 @@ export function setUpMosaic() {
   });
 }
 
-export function openMosaic() {
+/** @param {Pair} [place] on the ground that is asked about */
+export function openMosaic(place) {
   const sheet = byId("mosaic");
   if (sheet.open) return sheet.close();
   if (!sheet.querySelector("#mosaic-panes")) build();
   sheet.showModal();
+  state.wanted = place ?? null;
   send({ kind: "sheet", sheet: "mosaic", shown: true });
   if (state.found) showMosaic(state.found);
   return undefined;
@@ -215,6 +219,9 @@ export function showMosaic(found) {
   if (found.version && !state.view.scale) fit();
   // The picture takes the keys, so that Space blinks and no button is pressed.
   if (found.version && fresh) state.panes[1].room.focus({ preventScroll: true });
+  const { wanted } = state;
+  if (found.version && wanted) ask(wanted);
+  state.wanted = null;
   refresh();
 }
 

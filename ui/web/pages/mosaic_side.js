@@ -123,7 +123,8 @@ function misfits({ misfits: places = [] }, { ask }) {
     element("span", { class: "muted" }, photos.map(shortName).join(" | ")));
   });
   const count = places.filter(({ significant }) => significant).length;
-  return [element("h3", {}, word("mosaic.misfit", { count })),
+  return [element("h3", {}, word("mosaic.misfit",
+    { count, unsure: places.length - count })),
     element("div", { class: "scans", id: "mosaic-misfits" }, ...lines)];
 }
 

@@ -2,14 +2,22 @@
 import {
   all, byId, element, first, number, renew, shortName, start, svg, tip, word,
 } from "./words.js";
+import { openBoard } from "./board.js";
 import { openChecks } from "./checks.js";
-import { mosaicButton } from "./mosaic.js";
+import { growTo } from "./layout.js";
+import { mosaicButton, openMosaic } from "./mosaic.js";
 import { fewer, keptOut } from "./status.js";
 import { readings, ruled, signing } from "./sign.js";
 import { send } from "./wire.js";
 
+const WORST_TIES = 10; // design: so many can be gone through
 const MOST_SHIFTS = 12; // design: the photos that moved furthest; the rest says nothing more
 const [TILT_DEG, CRAB_DEG] = [3, 5]; // design: as a rule, `QualityLimits` says
+/** Kinds of the queue by class of residuals. @type {Record<string, string>} */
+const CLASS_ROLES = {
+  tie: "tie", dem: "tie", control_image: "control", control_plan: "control",
+  control_height: "control",
+};
 const state = { shown: "" };
 
 export function setUpQuality() {
@@ -83,12 +91,12 @@ function head({ sigma, mp, checks }) {
 }
 
 /**
- * Goes on in the queue: a measurement among others of its state, or all of a photo.
- * @param {{ state?: string, photo?: string, key?: Key }} aim
+ * Goes on in the queue: a measurement among others of its state, or all of a photo, kind or place.
+ * @param {{ state?: string, photo?: string, role?: string, area?: Pair[], key?: Key }} aim
  */
-function goTo({ state: among = "all", photo = "", key }) {
+function goTo({ state: among = "all", photo = "", role = "", area = [], key }) {
   byId("quality").close();
-  send({ kind: "filter", state: among, photo, role: "" });
+  send({ kind: "filter", state: among, photo, role, area });
   if (key) send({ kind: "select", key });
 }
 
@@ -96,6 +104,55 @@ function goTo({ state: among = "all", photo = "", key }) {
 const photoLink = (name) => element("button", {
   class: "link", title: tip("quality.photo.go"), onclick: () => goTo({ photo: name }),
 }, shortName(name));
+
+/** To a part of this sheet. @param {string} where */
+function scrollTo(where) {
+  const room = first(where, byId("quality"));
+  room.tabIndex = -1;
+  room.scrollIntoView();
+  room.focus();
+}
+
+/** @param {Pair} [place] */
+function inMosaic(place) {
+  byId("quality").close();
+  openMosaic(place);
+}
+
+function ties3d() {
+  byId("quality").close();
+  send({ kind: "layer", layer: "ties", shown: true });
+  growTo("block");
+}
+
+const toPart = (/** @type {string} */ name) => () => scrollTo(`[data-part=${name}]`);
+const [toControl, toRays, toOverlaps] = ["control", "rays", "overlaps"].map(toPart);
+const toChecks = () => goTo({ role: "check" });
+const toReadings = () => {
+  byId("quality").close();
+  openChecks(undefined);
+};
+
+/**
+ * Where doubts lead that name neither a measurement nor a photo.
+ * @type {Record<string, ((values: Record<string, string>) => void) | undefined>}
+ */
+const LEADS = {
+  holes: ({ east, north }) => inMosaic([Number(east), Number(north)]),
+  "faults-open": () => inMosaic(),
+  "contradicted-more": () => goTo({ state: "disputed" }),
+  "along-small": toOverlaps, "across-small": toOverlaps,
+  "rays-few": toRays, "no-ties": toRays,
+  "control-few": toControl, "control-gaps": toControl, "control-on-a-line": toControl,
+  "inside-few-plan": toControl, "inside-few-heights": toControl,
+  systematic: () => scrollTo("[data-map=pattern]"),
+  "class-large": (values) => goTo({ role: CLASS_ROLES[values.class] ?? "" }),
+  "one-check": toChecks, "checks-few": toChecks, "checks-better": toChecks,
+  "checks-worse": toChecks, "checks-over": toChecks,
+  "no-checks": toReadings, "read-few": toReadings, "read-over": toReadings,
+  "read-shifted": toReadings, "read-worse": toReadings, "second-few": toReadings,
+  "second-none": toReadings,
+};
 
 /** @param {Quality} found */
 function verdict({ verdict: gravest, findings, photos: flown }) {
@@ -108,8 +165,9 @@ function verdict({ verdict: gravest, findings, photos: flown }) {
     const key = worst && photo ? /** @type {Key} */ ([worst, photo]) : undefined;
     const aim = key ? { state: among, key }
       : flown.some((one) => one.photo === worst) ? { photo: worst } : null;
-    const open = () => aim && goTo(aim);
-    const look = aim && grave > 0
+    const lead = LEADS[text.replace("verdict.", "")];
+    const open = () => (aim ? goTo(aim) : lead?.(values));
+    const look = (aim || lead) && grave > 0
       ? [element("button", { onclick: open }, word("quality.look"))] : [];
     return element("li", { class: `grave${grave}` },
       element("b", {}, word(`grave.${grave}`)), word(text, shown), " ", ...look);
@@ -123,7 +181,7 @@ function verdict({ verdict: gravest, findings, photos: flown }) {
 
 /** @param {Quality} found */
 function maps(found) {
-  const { outlines, control, checks, ties } = found.map;
+  const { outlines, control, checks, ties, origin } = found.map;
   const every = Object.values(outlines).flat();
   if (!every.length) return part("map", element("p", {}, word("quality.map.none")));
   const [[west, south], [east, north]] = [Math.min, Math.max].map((most) =>
@@ -154,24 +212,63 @@ function maps(found) {
     const [point, photo] = (control[index] ?? []).slice(4);
     const drawn = vector(place, at, unit, longer, index < control.length ? "control" : "check");
     if (!point || !photo) return drawn;
-    const group = svg("g", { class: "goes" }, ...drawn,
-      svg("title", {}, shortName(`${point}`)));
-    group.addEventListener("click", () => goTo({ key: [`${point}`, `${photo}`] }));
-    return [group];
+    return [going(`${point}`, () => goTo({ key: [`${point}`, `${photo}`] }), drawn)];
   });
+  oneStop(arrows);
   const metres = roundBelow(120 * unit / longer);
   const digits = Math.max(0, Math.ceil(-Math.log10(metres)));
   const scale = scaleBar([wide - metres * longer, low], metres * longer,
     number(metres, digits, "m"), unit, "vector control");
+  const [dots, ramp] = sigmas(ties, at, unit, origin);
+  oneStop(dots);
   return element("div", { class: "maps" },
     figure("residuals", draw(...arrows, ...scale), word("quality.residuals.long")),
-    figure("sigma", draw(...sigmas(ties, at, unit)), word("quality.sigma.long")),
-    figure("pattern", pattern(found), word("quality.pattern.long")));
+    figure("sigma", draw(...dots), word("quality.sigma.long"), ramp),
+    figure("pattern", pattern(found), word("quality.pattern.long"), element("button",
+      { class: "link", onclick: onFilm }, word("quality.pattern.photos"))));
 }
 
-/** @param {string} name @param {Element} drawing @param {string} words */
-const figure = (name, drawing, words) => element("figure", { "data-map": name },
-  element("figcaption", {}, element("b", {}, word(`quality.${name}`)), ` ${words}`), drawing);
+function onFilm() {
+  byId("quality").close();
+  openBoard(undefined, "film");
+}
+
+/**
+ * A part of a drawing that is a button, too.
+ * @param {string} name @param {() => void} act @param {Element[]} drawn
+ */
+function going(name, act, drawn) {
+  const label = { class: "goes", role: "button", tabindex: -1, "aria-label": name };
+  const group = /** @type {SVGElement} */ (svg("g", label, ...drawn, svg("title", {}, name)));
+  group.addEventListener("click", act);
+  group.addEventListener("keydown", (event) => {
+    if (event.key !== "Enter" && event.key !== " ") return;
+    event.preventDefault();
+    act();
+  });
+  return group;
+}
+
+/** Of many buttons in a drawing Tab reaches one, arrows the others. @param {Element[]} drawn */
+function oneStop(drawn) {
+  const stops = /** @type {SVGElement[]} */ (drawn.filter((one) => one.matches(".goes")));
+  stops[0]?.setAttribute("tabindex", "0");
+  stops.forEach((stop, at) => stop.addEventListener("keydown", ({ key }) => {
+    const step = Number(key === "ArrowRight") - Number(key === "ArrowLeft");
+    const next = stops[at + step];
+    if (!step || !next) return;
+    stop.setAttribute("tabindex", "-1");
+    next.setAttribute("tabindex", "0");
+    next.focus();
+  }));
+}
+
+/**
+ * @param {string} name @param {Element} drawing @param {string} words @param {Element[]} below
+ */
+const figure = (name, drawing, words, ...below) => element("figure", { "data-map": name },
+  element("figcaption", {}, element("b", {}, word(`quality.${name}`)), ` ${words}`), drawing,
+  ...below);
 
 /** One, two or five times a power of ten. @param {number} most */
 export function roundBelow(most) {
@@ -207,20 +304,31 @@ function vector([x, y, dx, dy], at, unit, longer, kind) {
 }
 
 /**
- * Dots from small and grey to large and warm: size tells as well as colour.
+ * Dots from small and grey to large and warm: size tells as well as colour. The worst lead to their
+ * places in the mosaic.
  * @param {Quality["map"]["ties"]} ties @param {(place: Pair) => Pair} at @param {number} unit
+ * @param {Pair} origin @returns {[Element[], Element]}
  */
-function sigmas(ties, at, unit) {
+function sigmas(ties, at, unit, [east, north]) {
   const known = ties.map((tie) => tie[2]).filter((value) => value !== null).sort((a, b) => a - b);
   const [low = 0, high = 1] = [0.05, 0.95].map((share) => known[Math.floor(share * known.length)]);
-  return ties.map(([x, y, sigma]) => {
+  const least = known.at(-WORST_TIES) ?? high;
+  const dots = ties.map(([x, y, sigma]) => {
     const off = ((sigma ?? high) - low) / Math.max(high - low, 1e-6);
     const share = Math.min(Math.max(off, 0), 1);
     const [cx, cy] = at([x, y]);
     const style = `fill: color-mix(in oklab, var(--warn) ${100 * share}%, var(--faint))`;
-    const dot = { cx, cy, r: (0.8 + 2.2 * share) * unit, style };
-    return svg("circle", dot, svg("title", {}, number(sigma, 2, "m")));
+    const dot = svg("circle", { cx, cy, r: (0.8 + 2.2 * share) * unit, style });
+    const name = number(sigma, 2, "m");
+    if (sigma !== null && sigma >= least) {
+      return going(name, () => inMosaic([east + x, north + y]), [dot]);
+    }
+    dot.append(svg("title", {}, name));
+    return dot;
   });
+  const ramp = element("p", { class: "muted ramped" }, `\u2264 ${number(low, 2)} `,
+    element("i", { class: "ramp" }), ` \u2265 ${number(high, 2, "m")}`);
+  return [dots, ramp];
 }
 
 /** @param {Quality} found */
@@ -249,12 +357,23 @@ function pattern(found) {
 function flight(found) {
   const total = found.rays.reduce((sum, [, count]) => sum + count, 0) || 1;
   const bars = found.rays.map(([rays, count]) => element("div", { class: "bar" },
-    element("span", {}, `${rays}`), bar(count / total),
+    element("button", { class: "link", title: word("quality.rays.tip"), onclick: ties3d },
+      `${rays}`), bar(count / total),
     element("span", { class: "muted" }, `${count}`)));
   const cells = element("div", { class: "cells" }, ...found.control_cells.flat()
-    .map((count) => element("i", { class: count ? "" : "empty" }, `${count}`)));
+    .map((count, index) => element("button", { class: count ? "" : "empty",
+      title: word("quality.control.tip"), onclick: () => goTo({ area: cellArea(found, index) }) },
+    `${count}`)));
   const words = element("p", { class: "muted" }, word("quality.control.long"));
   return element("div", { class: "pair" }, part("rays", ...bars), part("control", words, cells));
+}
+
+/** Corners of one of the nine parts of the block. @param {Quality} found @param {number} index */
+function cellArea({ map: { bounds } }, index) {
+  const [west, south, east, north] = bounds;
+  const [wide, high] = [(east - west) / 3, (north - south) / 3];
+  const [left, top] = [west + (index % 3) * wide, north - Math.floor(index / 3) * high];
+  return [[left, top], [left + wide, top], [left + wide, top - high], [left, top - high]];
 }
 
 /** @param {number} share */

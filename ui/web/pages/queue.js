@@ -8,6 +8,7 @@ import { finishBefore, send } from "./wire.js";
 
 const ROW = 25; // as `.row` in desk.css
 const TYPING_MS = 150; // design: a word typed is one search
+const MOST_SIGNS = 14; // design: of a scan's name, beside that of a point
 const ASIDE = 4; // design: rows beyond the edge of the table, so that scrolling shows no gap
 const STATES = [
   "open", "measure", "second", "all", "disputed", "dubious", "accepted", "rejected", "unused",
@@ -35,6 +36,8 @@ const state = {
   /** Rows to be decided together, by key; `anchor` is where a range of them begins. */
   marked: /** @type {Set<string>} */ (new Set()),
   anchor: -1,
+  /** True from a sort by hand until it is shown: one looks for the first then. */
+  sorted: false,
 };
 
 /** @param {number} index @returns {Key} */
@@ -99,6 +102,8 @@ export function setUpQueue() {
       onclick: () => sieveArea([]) },
     word("queue.area"), element("b", {}, "\u00d7")));
   const photos = start.photos.map((name) => [name, shortName(name)]);
+  const longest = Math.max(0, ...photos.map(([, name]) => name.length));
+  byId("queue").style.setProperty("--scan", `${Math.min(longest, MOST_SIGNS) + 0.5}ch`);
   fill("sieve-photo", [["", word("photo.all")], ...photos], (photo) => sieve({ photo }));
   const kinds = KINDS.map((kind) => [kind, word(`role.${kind}`)]);
   fill("sieve-role", [["", word("role.both")], ...kinds], (role) => sieve({ role }));
@@ -141,6 +146,7 @@ function fill(name, options, chosen) {
 function sort(column) {
   const { sort: before } = state.queue ?? {};
   const descending = before?.column === column ? !before.descending : !RISING.includes(column);
+  state.sorted = true;
   send({ kind: "sort", column, descending });
 }
 
@@ -164,6 +170,12 @@ function sieve(change) {
 
 /** Only points within an area; without corners, all. @param {Pair[]} area */
 export const sieveArea = (area) => sieve({ area });
+
+/** What is let through, and the row one stands on. */
+export function placeInQueue() {
+  const { filter, current } = state.queue ?? {};
+  return { filter, key: current !== undefined && state.rows[current] ? keyOf(current) : null };
+}
 
 /** The area of the filter, and where what it lets through lies. */
 export function areaShown() {
@@ -245,7 +257,9 @@ export function showQueue(fresh) {
   showSieve(queue, kinds);
   showPlace(queue);
   byId("rows").style.height = `${shown.length * ROW}px`;
-  if (before !== placeOf(queue)) intoSight(shown.indexOf(queue.current));
+  if (state.sorted && fresh.order) byId("table").scrollTop = 0;
+  else if (before !== placeOf(queue)) intoSight(shown.indexOf(queue.current));
+  if (fresh.order) state.sorted = false;
   for (const line of state.drawn.values()) line.dataset.stale = "1";
   draw();
 }

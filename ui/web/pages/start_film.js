@@ -181,7 +181,8 @@ function drawThumb(canvas, { photo, size }) {
 }
 
 /** @param {HTMLElement} room @param {Found} found */
-export function drawMap(room, { outlines, crs }) {
+export function drawMap(room, { outlines: found, crs }) {
+  const outlines = found.map((one) => ({ ...one, crs: again(one.crs) }));
   if (!outlines.length) {
     return room.replaceChildren(element("p", { class: "muted" }, word("start.nomap")));
   }

@@ -85,7 +85,7 @@ function signed(text) {
 /** The longer text of a key; null where it has none. @param {string} key */
 export const tip = (key) => start.words[`${key}.tip`] ?? null;
 
-/** The texts of a page that are written in its HTML. */
+/** The texts of a page that are written in its HTML; and the switch to the other language. */
 export function fillWords() {
   document.documentElement.lang = start.language;
   for (const place of all("[data-word]")) {
@@ -95,6 +95,14 @@ export function fillWords() {
   for (const place of all("[data-label]")) {
     place.setAttribute("aria-label", word(place.dataset.label ?? ""));
   }
+  const other = start.language === "cs" ? "en" : "cs";
+  Object.assign(byId("language"), {
+    textContent: other.toUpperCase(), title: word("language.other"), onclick: () => {
+      // A year, for every page and port: `ui/web/front.py` reads it.
+      document.cookie = `gruber-language=${other}; path=/; max-age=31536000; samesite=strict`;
+      location.reload();
+    },
+  });
 }
 
 /**
