@@ -273,3 +273,31 @@ def test_the_language_is_changed_at_the_desk_and_kept__law(sit):
     page.reload()
     page.wait_for_selector(".row.current")
     assert page.text_content("#queue h2") == words("cs")["queue"]
+
+
+OVER = """() => {
+  const room = document.querySelector("#scene-room").getBoundingClientRect();
+  const parts = ["#scene-legend", "#north", "#vectors", "#relief-room", "#scene-buttons"]
+    .map(name => document.querySelector(name)).filter(e => e.checkVisibility())
+    .map(e => [e.id, e.getBoundingClientRect()]);
+  const apart = (a, b) => a.right <= b.left || b.right <= a.left || a.bottom <= b.top
+    || b.bottom <= a.top;
+  return parts.flatMap(([name, box], i) => [
+    ...(box.bottom > room.bottom || box.top < room.top ? [`${name} leaves the room`] : []),
+    ...parts.slice(0, i).filter(([, other]) => !apart(box, other))
+      .map(([other]) => `${name} over ${other}`)]);
+}"""
+
+
+def test_lines_drawn_into_the_corner_lay_nothing_over_another__law(sit):
+    page = sit(scene=False)
+    for low in (12, 20, 70):
+        page.evaluate(
+            f"localStorage.setItem('gruber.share.low', {low});"
+            "localStorage.setItem('gruber.share.left', 60)"
+        )
+        page.reload()
+        page.wait_for_selector(".row.current")
+        page.wait_for_function("gruber.parts.scene")
+        assert page.evaluate(OVER) == []
+        assert page.locator("#tools").bounding_box()["height"] < 40

@@ -248,6 +248,9 @@ def test_light_and_dark_and_the_tour__law(sit):
     page.wait_for_selector(".row.current")
     assert page.evaluate("document.documentElement.dataset.theme") == "light"
     page.keyboard.press("h")
+    page.click("#help-close")
+    page.wait_for_selector("#help", state="hidden")
+    page.keyboard.press("h")
     page.click("#help button")
     for _ in range(5):
         page.click("#tour-next")

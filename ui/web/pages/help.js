@@ -25,14 +25,14 @@ export function toggleHelp() {
     dialog.close();
     first("[data-act=tour]").click();
   };
-  dialog.replaceChildren(element("h2", {}, word("help.title")),
+  dialog.replaceChildren(
+    element("header", {}, element("h2", {}, word("help.title")),
+      element("span", { class: "stretch" }), element("button", { onclick: tour }, word("tour")),
+      element("button", { id: "help-close", autofocus: true, onclick: () => dialog.close() }, word("act.close"))),
+    element("div", { class: "marks-key" }, ...looks, ...marks),
     element("div", { class: "two" }, element("table", {}, ...lines.slice(0, half)),
       element("table", {}, ...lines.slice(half))),
-    element("div", { class: "marks-key" }, ...looks, ...marks),
     element("div", { class: "gestures" }, element("p", {}, word("place.hint")),
-      element("p", {}, word("help.pictures")), element("p", {}, word("help.camera")), ...sheets),
-    element("p", {}, element("button", { onclick: tour }, word("tour"))));
+      element("p", {}, word("help.pictures")), element("p", {}, word("help.camera")), ...sheets));
   dialog.showModal();
-  // Its only button stands at the end: one reads from the beginning.
-  dialog.scrollTop = 0;
 }
