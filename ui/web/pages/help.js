@@ -28,7 +28,8 @@ export function toggleHelp() {
   dialog.replaceChildren(
     element("header", {}, element("h2", {}, word("help.title")),
       element("span", { class: "stretch" }), element("button", { onclick: tour }, word("tour")),
-      element("button", { id: "help-close", autofocus: true, onclick: () => dialog.close() }, word("act.close"))),
+      element("button", { id: "help-close", autofocus: true, onclick: () => dialog.close() },
+        word("act.close"))),
     element("div", { class: "marks-key" }, ...looks, ...marks),
     element("div", { class: "two" }, element("table", {}, ...lines.slice(0, half)),
       element("table", {}, ...lines.slice(half))),
