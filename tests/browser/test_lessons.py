@@ -35,6 +35,16 @@ def settled(page):
     page.wait_for_function("!gruber.state.asking")
 
 
+def test_scale_bars_axes_and_grids_are_drawn__law(learn):
+    page, _ = learn("interior")
+    strokes = page.evaluate(
+        "[...document.querySelectorAll('svg path:is(.bar, .grid, .nought)')]"
+        ".map(e => getComputedStyle(e).stroke)"
+    )
+    assert len(strokes) > 3
+    assert "none" not in strokes
+
+
 @pytest.mark.parametrize("name", LESSONS)
 def test_a_lesson_is_moved_and_answered_without_an_error__law(learn, name):
     page, wrong = learn(name)

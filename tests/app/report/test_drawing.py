@@ -1,9 +1,11 @@
 """Drawings are whole SVG, and show what they are given."""
 
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
+import app.report.drawing as drawing
 from app.report.drawing import (
     draw_bars,
     draw_coverage,
@@ -21,6 +23,12 @@ TELL = Teller()
 
 def parts_of(svg):
     return [part.tag.split("}")[-1] for part in ElementTree.fromstring(str(svg)).iter()]
+
+
+def test_every_kind_of_vector_has_a_colour__law():
+    page = (Path(drawing.__file__).parent / "page.html").read_text(encoding="utf-8")
+    for kind in ("control", "check", "tie"):
+        assert f".{kind}line {{ stroke: " in page
 
 
 def test_the_map_is_one_drawing__law(written):
