@@ -17,7 +17,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # would take a fifth of their time.
 TWICE  := -n 2 --dist loadfile --no-loadscope-reorder
 UNSEEN := $(BIN)/python -m pytest --ignore=tests/browser $(TWICE)
-SEEN   := JAXTYPING_DISABLE=1 $(BIN)/python -m pytest tests/browser $(TWICE)
+SEEN   := $(BIN)/python -m pytest tests/browser --jaxtyping-packages= $(TWICE)
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test check lint style types contracts pages browser bench prove site clean

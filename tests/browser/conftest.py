@@ -72,11 +72,12 @@ def axe():
 
 
 @pytest.fixture
-def desk(tmp_path):
+def desk(tmp_path, seats):
     """A desk on the tiny block."""
     inputs = desk_inputs(tmp_path)
     with open_desk(inputs) as opened:
         yield opened
+        seats.leave()
     inputs.session.close()
 
 
@@ -106,7 +107,7 @@ def run_folder(tiny_run, tmp_path):
 
 
 @pytest.fixture
-def real_desk(run_folder):
+def real_desk(run_folder, seats):
     """A desk on the tiny block as `gruber run` left it."""
     project = read_project(run_folder)
     with (
@@ -114,6 +115,7 @@ def real_desk(run_folder):
         open_desk(run_inputs(project, session, "anna", "127.0.0.1", 0)) as opened,
     ):
         yield RealDesk(opened, session, run_folder)
+        seats.leave()
 
 
 def toured(url: str) -> dict:
@@ -123,41 +125,100 @@ def toured(url: str) -> dict:
     return {"cookies": [], "origins": [{"origin": origin, "localStorage": [seen]}]}
 
 
+TOURED = "if (window.origin !== 'null') localStorage.setItem('gruber.tour', 'seen')"
+"""The same, for a browser that goes to many desks."""
+
+
 def without_viser(context) -> None:
     """Spare a browser the scene, which draws with the processor."""
     stand_in = {"body": STAND_IN, "content_type": "text/html"}
     context.route("**/scene/*/", lambda route: route.fulfill(**stand_in))
 
 
+def machine(chromium, language="en-GB", **how):
+    """A computer whose browser has been at the desk before."""
+    # Waiting for a condition evaluates text, which the desk's own policy rightly forbids.
+    how = {"color_scheme": "dark", "viewport": SIZE, "bypass_csp": True, **how}
+    context = chromium.new_context(locale=language, **how)
+    context.set_default_timeout(PATIENCE_MS)
+    context.add_init_script(AS_A_PERSON)
+    if "storage_state" not in how:
+        context.add_init_script(TOURED)
+    return context
+
+
+class Seats:
+    """Where operators sit: at a page that goes from desk to desk, others at a machine of their own.
+
+    A browser of its own for every test would take as long as what most tests do in it.
+    """
+
+    def __init__(self, chromium) -> None:
+        self._chromium, self._kept, self._known, self._taken = chromium, None, set(), []
+
+    def take(self, url: str, language="en-GB", **how):
+        """A page of which nobody can tell that it was elsewhere."""
+        origin = url.partition("/?")[0]
+        # What a page keeps it keeps by address: there, another is needed.
+        if self._taken or how or language != "en-GB" or origin in self._known:
+            page = machine(self._chromium, language, **how).new_page()
+        else:
+            if self._kept is None or self._kept.is_closed():
+                self._kept = machine(self._chromium).new_page()
+            page = self._kept
+            self._known.add(origin)
+        self._taken.append(page)
+        return page
+
+    def leave(self) -> None:
+        """Close what was opened, and bring the page that is kept back to what it was."""
+        for page in self._taken:
+            if page is not self._kept:
+                page.context.close()
+            elif not page.is_closed():
+                page.goto("about:blank")
+                page.context.unroute_all()
+                page.emulate_media(media="null", color_scheme="dark")
+                page.mouse.move(-1, -1)
+                page.context.clear_cookies()
+                for other in page.context.pages[1:]:
+                    other.close()
+        self._taken = []
+
+
+@pytest.fixture(scope="session")
+def all_seats(chromium):
+    return Seats(chromium)
+
+
 @pytest.fixture
-def sit_at(chromium):
-    """Open a desk in a browser of its own; every call is another operator's machine.
+def seats(all_seats):
+    """Whoever sits down in a test leaves after it."""
+    yield all_seats
+    all_seats.leave()
+
+
+@pytest.fixture
+def sit_at(seats):
+    """Open a desk in a browser; every call in one test is another operator's machine.
 
     Without `scene` something stands in for viser.
     """
-    contexts = []
 
     def sit_down(
         url: str, scene: bool = True, language="en-GB", size=SIZE, ready=".row.current", **how
     ):
-        # Waiting for a condition evaluates text, which the desk's own policy rightly forbids.
-        how = {"storage_state": toured(url), "color_scheme": "dark", **how}
-        context = chromium.new_context(viewport=size, bypass_csp=True, locale=language, **how)
-        context.set_default_timeout(PATIENCE_MS)
-        context.add_init_script(AS_A_PERSON)
+        page = seats.take(url, language, **how)
+        page.set_viewport_size(size)
         if not scene:
-            without_viser(context)
-        contexts.append(context)
-        page = context.new_page()
+            without_viser(page.context)
         page.goto(url)
         page.wait_for_selector(ready)
         if scene:
             scene_of(page)
         return page
 
-    yield sit_down
-    for context in contexts:
-        context.close()
+    return sit_down
 
 
 @pytest.fixture

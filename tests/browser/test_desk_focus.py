@@ -70,9 +70,18 @@ def planned(run_folder: Any) -> None:
 
 
 @pytest.fixture
-def page(planned: None, real_desk: RealDesk, chromium: Any, sit_at: Sit) -> Any:
-    """The desk of a block with a plan, and all that it tells."""
-    found = sit_at(real_desk.desk.url, scene=False, storage_state=toured(real_desk.desk.url))
+def page(planned: None, real_desk: RealDesk, sit_at: Sit) -> Any:
+    """The desk of a block with a plan."""
+    found = sit_at(real_desk.desk.url, scene=False)
+    settled(found)
+    return found
+
+
+@pytest.fixture
+def overheard(planned: None, real_desk: RealDesk, sit_at: Sit) -> Any:
+    """The same, and all that the desk tells."""
+    url = real_desk.desk.url
+    found = sit_at(url, scene=False, storage_state=toured(url))
     found.context.add_init_script(OVERHEAR)
     found.reload()
     found.wait_for_selector(".row.current")
@@ -91,8 +100,9 @@ def show(page: Any, sheet: str) -> None:
         page.wait_for_selector(f"#{sheet}[open]:not(:has([aria-busy])) button", timeout=PATIENCE_MS)
 
 
-def test_what_arrives_leaves_the_focus_where_it_is__law(page: Any) -> None:
+def test_what_arrives_leaves_the_focus_where_it_is__law(overheard: Any) -> None:
     """On the desk with all unfolded, and on every sheet."""
+    page = overheard
     accept(page)
     page.wait_for_function("gruber.parts.status.decided > 0 && !gruber.isAhead()")
     page.click('.chip[data-state="accepted"]')
@@ -162,7 +172,8 @@ def test_a_notice_in_a_sheet_outlives_what_is_drawn_anew_and_the_sheet__law(page
     page.wait_for_selector("body > #notices > .notice")
 
 
-def test_a_remark_is_typed_on_while_the_block_is_adjusted__law(page: Any) -> None:
+def test_a_remark_is_typed_on_while_the_block_is_adjusted__law(overheard: Any) -> None:
+    page = overheard
     show(page, "quality")
     page.focus("#sign-remark")
     page.keyboard.type("shifted nrth")
