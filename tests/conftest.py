@@ -18,13 +18,13 @@ from core.synthetic.options import SyntheticOptions
 from tests.tiny import Tiny, open_tiny, with_check_points
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-LONG = ("real", "journeys")
+LONG = {"real", "journeys", "test_every_page"}
 CORE = REPOSITORY / "tests" / "core"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files of minutes first, so that no worker waits at the end for the other's last one."""
-    items.sort(key=lambda item: item.path.parent.name not in LONG)
+    items.sort(key=lambda item: LONG.isdisjoint({item.path.parent.name, item.path.stem}))
 
 
 @pytest.hookimpl(tryfirst=True)
