@@ -14,6 +14,8 @@ from core.scans.film_area import detect_film_area
 from core.scans.interior_orientation import ScanOrientation, orient_scan
 from tests.core.scans.film_maker import FIDUCIALS, Film, make_film, write_gray
 
+pytestmark = pytest.mark.slow
+
 CAMERA = Camera("little", 60.0, (60.0, 60.0), fiducials_mm=FIDUCIALS)
 GOAL_PX = 0.1
 
