@@ -18,7 +18,7 @@ from core.synthetic.options import SyntheticOptions
 from tests.tiny import Tiny, open_tiny, with_check_points
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-LONG = {"real", "journeys", "test_every_page"}
+LONG = {"real", "journeys", "test_every_page", "test_start"}
 CORE = REPOSITORY / "tests" / "core"
 
 
