@@ -183,6 +183,18 @@ def kept(hand: Hand, yes: Hand, draft: str = POINT_DRAFT) -> Hand:
     return keeping
 
 
+def judged(yes: Hand) -> Hand:
+    """A verdict on what nobody has moved, twice where it is asked."""
+
+    def judging(page: Page) -> None:
+        yes(page)
+        page.wait_for_function("!gruber.isAhead()")
+        if page.evaluate(f"{POINT_DRAFT}?.asking"):
+            yes(page)
+
+    return judging
+
+
 def shown(hand: Hand, selector: str) -> Hand:
     """A gesture, and the wait for what it shows."""
 
@@ -288,7 +300,8 @@ AMENDED = ("Reject", "Withdraw", "Reject")
 REASONS = ("wrong object", "changed", "hidden", "blurred", "other")
 
 DECISIONS = (
-    Decides("Y", key("y"), ("Accept",)), Decides("accept button", button("accept"), ("Accept",)),
+    Decides("Y", judged(key("y")), ("Accept",)),
+    Decides("accept button", judged(button("accept")), ("Accept",)),
     Decides("N", key("n"), ("Reject",)), Decides("reject button", button("reject"), ("Reject",)),
     Decides("M", key("m"), ("MarkDubious",)),
     Decides("dubious button", button("dubious"), ("MarkDubious",)),

@@ -169,7 +169,7 @@ async def _decide_until_killed(port: int, pid: int, rng: random.Random) -> tuple
             while True:
                 decided = page.parts["status"]["decided"]
                 known = max(known, decided)
-                verdict = rng.choice(["accept", "reject", "dubious"])
+                verdict = rng.choice(["invisible", "reject", "dubious"])
                 await page.socket.send_json(
                     {"kind": "judge", "key": page.current, "verdict": verdict}
                 )
@@ -219,11 +219,11 @@ async def _many(session: aiohttp.ClientSession, port: int, name: str, count: int
     mine = keys[::2] if name == "berta" else keys[1::2]
     for number in range(count):
         key = mine[number % len(mine)]
-        verdict = ("reject", "accept", "dubious")[number // len(mine) % 3]
+        verdict = ("reject", "dubious")[number // len(mine) % 2]
         await page.socket.send_json({"kind": "select", "key": key})
         await page.until(lambda parts, k=key: page.current == k)
         await page.socket.send_json({"kind": "judge", "key": key, "verdict": verdict})
-        state = {"reject": "rejected", "accept": "accepted", "dubious": "dubious"}[verdict]
+        state = {"reject": "rejected", "dubious": "dubious"}[verdict]
         place = next(i for i, row in page.parts["rows"].items() if row[:2] == key)
         await page.until(lambda parts, p=place, s=state: parts["rows"][p][3] == s)
 

@@ -115,7 +115,7 @@ def back(times: int) -> bool:
 
 def walked(page: Page, number: int) -> str:
     """Some steps along the queue and a decision: where the page is then."""
-    for key in ("j" * (1 + number % 4), "y")[number % 2]:
+    for key in ("j" * (1 + number % 4), "m")[number % 2]:
         before = page.evaluate(HERE)
         page.keyboard.press(key)
         page.wait_for_function(NEXT, arg=before, polling=10)
