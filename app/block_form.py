@@ -1,5 +1,6 @@
 """The form of the start page: checks single keys of `block.toml` and writes them into the file."""
 
+import math
 import tomllib
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
@@ -9,13 +10,13 @@ from pathlib import Path
 from typing import Any, cast
 
 from app.block_schema import TABLES, Key, keys_of, missing_reference
-from app.block_sections import read_block, read_camera
+from app.block_sections import fiducials_of, read_block, read_camera
 from app.block_toml import Document, FieldError, Table
 from app.block_writing import with_values
 from app.new_block import CAMERA, Recognition, toml_of
-from app.project import Project, may_have_points, project_of
+from app.project import Project, may_have_points, project_of, taken_of
 from core.errors import PhotogrammetryError, ProjectError
-from core.said import say
+from core.said import Said, say
 
 FILES = ("file", "files", "rasters")
 
@@ -168,9 +169,8 @@ def judged(document: Document) -> Judged:
                 missing.append(f"{name}.{key.name}")
             else:
                 errors |= _error_of(table, key)
-        whole = name == "block" or name.startswith("camera.")
-        if whole and not any(one.startswith(f"{name}.") for one in (*errors, *missing)):
-            errors |= _error_of_table(document, name)
+        sound = not any(one.startswith(f"{name}.") for one in (*errors, *missing))
+        errors |= _error_of_table(document, table, sound=sound)
     missing += [
         f"reference.{key}"
         for key in missing_reference(document.values, brought=may_have_points(document))
@@ -187,8 +187,18 @@ def judged(document: Document) -> Judged:
 
 
 def _why(error: PhotogrammetryError) -> str:
-    """What is wrong and what to do; the field stands above it."""
-    return say("{cause} {remedy}", cause=error.cause, remedy=error.remedy)
+    """What is wrong and what to do; the field stands above it.
+
+    Brackets and quotes of the file are not typed into a field, and what was typed stands in it.
+    """
+    cause, remedy = error.cause, error.remedy
+    template = getattr(cause, "template", cause)
+    if isinstance(cause, Said) and template == "must be {count} numbers, not {value!r}.":
+        cause = say("{count:# number belongs|# numbers belong} here.", count=cause.values["count"])
+        remedy = say("Write digits alone and a space between numbers, such as 84.5 −0.3.")
+    elif template == "must be a number, not {value!r}.":
+        cause, remedy = say("This is no number."), say("Write digits alone, such as 12.5.")
+    return say("{cause} {remedy}", cause=cause, remedy=remedy)
 
 
 def _error_of(table: Table, key: Key) -> dict[str, str]:
@@ -201,13 +211,20 @@ def _error_of(table: Table, key: Key) -> dict[str, str]:
     return {}
 
 
-def _error_of_table(document: Document, name: str) -> dict[str, str]:
-    """What of a block or camera cannot be, such as a principal point outside the picture."""
+def _error_of_table(document: Document, table: Table, *, sound: bool) -> dict[str, str]:
+    """What of a table cannot be, such as a principal point outside the picture.
+
+    Of one that is not sound, in which a key is wrong or missing, what does not hang on that key.
+    """
     try:
-        if name == "block":
+        if table.name == "scans":
+            taken_of(table, "")
+        elif table.name == "block" and sound:
             read_block(document)
-        else:
-            read_camera(document, name.removeprefix("camera."))
+        elif table.name.startswith("camera.") and sound:
+            read_camera(document, table.name.removeprefix("camera."))
+        elif table.name.startswith("camera."):
+            fiducials_of(table, math.inf)
     except FieldError as error:
         return {f"{error.table}.{error.key}": _why(error)}
     except PhotogrammetryError as error:

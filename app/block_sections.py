@@ -97,7 +97,7 @@ def read_camera(document: Document, name: str) -> Camera:
         (width, height),
         (east, north),
         _radial_distortion(table),
-        _fiducials(table, max(width, height)),
+        fiducials_of(table, max(width, height)),
         table.choice("data_strip"),
         _marks(table),
         table.flag("digital"),
@@ -163,7 +163,7 @@ def _marks(table: Table) -> int:
     return int(cast(int, value))
 
 
-def _fiducials(table: Table, side_mm: float) -> dict[str, tuple[float, float]]:
+def fiducials_of(table: Table, side_mm: float) -> dict[str, tuple[float, float]]:
     """Certified marks by name, from the table itself or from MicMac's file."""
     key = "fiducials_mm"
     given = table.values.get(key, {})

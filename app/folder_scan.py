@@ -4,6 +4,7 @@ import csv
 import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast
@@ -16,9 +17,10 @@ from pyproj.exceptions import CRSError
 from rasterio.errors import RasterioIOError
 
 from app.block_toml import FILE, RASTERS
-from core.errors import ReferenceDataError
+from core.errors import ReferenceDataError, ScanError
 from core.formats.vectors import GDAL_ERRORS, check_files, no_remarks
 from core.geometry.crs import horizontal
+from core.raster.scan_file import open_scan
 
 Kind = Literal["scan", "ortho", "dem", "other"]
 """What a raster probably is."""
@@ -26,6 +28,8 @@ Corners = tuple[tuple[float, float], ...]
 """Places in a CRS, x and y."""
 VECTORS = frozenset({".shp", ".gpkg", ".geojson", ".fgb", ".gml", ".tab", ".dxf"})
 """Suffixes of vector files that are looked into."""
+TABLES = frozenset({".csv", ".txt", ".points"})
+"""Suffixes of lists; what those of the first two hold, their header tells."""
 OWN = frozenset({"results", "truth", "session.gpkg", "seams.gpkg"})
 """Names that Gruber itself writes."""
 DEPTH = 4
@@ -143,7 +147,9 @@ class Findings:
     tables: tuple[tuple[Path, tuple[str, ...]], ...]
     """CSV files with their header."""
     unreadable: tuple[Path, ...]
-    """Files with a fitting suffix that could not be opened."""
+    """Files with a fitting suffix that could not be opened, or whose pixels cannot be read."""
+    unused: tuple[Path, ...] = ()
+    """Files of no kind that is known, and that belong to none of the others."""
 
 
 def find(folder: Path) -> Findings:
@@ -165,16 +171,46 @@ def folders_of_scans(folder: Path) -> list[str]:
 def look_at(files: list[Path]) -> Findings:
     """Look into files."""
     unreadable: list[Path] = []
-    rasters = _each(files, RASTERS, _raster, unreadable)
+    opened = _each(files, RASTERS, _raster, unreadable)
+    rasters = [raster for raster in opened if raster.kind != "scan" or _is_whole(raster.path)]
+    unreadable += [raster.path for raster in opened if raster not in rasters]
     layers = _each(files, VECTORS, _layers, unreadable)
-    tables = _each(files, frozenset({".csv", ".txt"}), _header, unreadable=[])
+    tables = _each(files, TABLES - {".points"}, _header, unreadable=[])
     return Findings(
         tuple(raster for raster in rasters if not raster.is_preview),
         tuple(layer for found in layers for layer in found),
         tuple(path for path in files if path.suffix.lower() == ".points"),
         tuple(tables),
         tuple(unreadable),
+        tuple(_unused(files)),
     )
+
+
+def _is_whole(path: Path) -> bool:
+    """False for a scan that was cut off, or is none."""
+    stat = path.stat()
+    return _was_whole(path, stat.st_size, stat.st_mtime_ns)
+
+
+@lru_cache(maxsize=4096)
+def _was_whole(path: Path, _size: int, _changed_ns: int) -> bool:
+    """As a file was when it was last written: a form that is typed in asks again and again."""
+    try:
+        open_scan(path)
+    except ScanError:
+        return False
+    return True
+
+
+def _unused(files: list[Path]) -> Iterator[Path]:
+    """What is neither data nor belongs to a file of data, as `a.tfw` and `a.tif.ovr` to `a.tif`."""
+    known = {path for path in files if path.suffix.lower() in RASTERS | VECTORS}
+    stems = {(path.parent, path.stem) for path in known}
+    for path in files:
+        parts = path.name.split(".")
+        starts = ((path.parent, ".".join(parts[:end])) for end in range(1, len(parts)))
+        if path not in known and path.suffix.lower() not in TABLES and not stems & {*starts}:
+            yield path
 
 
 def with_named(found: Findings, files: Iterable[Path]) -> Findings:

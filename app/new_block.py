@@ -32,6 +32,8 @@ EXPECTED = {
     "dem_sigma_m": "accuracy of the terrain model, expected of its cell",
 }
 """What is said of an accuracy that nobody stated."""
+MOST_UNUSED = 12
+"""Files of no use that are named."""
 UNKNOWN_DISTANCE = (
     "# FILL IN: principal distance from the camera certificate, millimetres, such as 211.59;",
     "# left out, it is estimated: make and model of the camera help",
@@ -410,6 +412,7 @@ def _table(folder: Path, findings: Findings, header: tuple[str, ...]) -> str | N
 def _notes(folder: Path, findings: Findings, crs: CRS | None) -> Iterable[Note]:
     for path in findings.unreadable:
         yield Note("unreadable", {"file": _relative(folder, path)})
+    yield from _unused(folder, findings)
     try:
         if crs is not None:
             parse_crs(crs.to_wkt(), "The CRS of the reference")
@@ -427,3 +430,15 @@ def _notes(folder: Path, findings: Findings, crs: CRS | None) -> Iterable[Note]:
     for layer in findings.layers:
         if layer.geometry == "line" and not _is_road(layer):
             yield Note("lines", {"file": _relative(folder, layer.path)})
+
+
+def _unused(folder: Path, findings: Findings) -> Iterable[Note]:
+    """Files of which nothing is known to be made; many are not all named."""
+    lists = (EXTERIOR_HEADER, CONTROL_HEADER)
+    strange = [
+        path
+        for path, names in findings.tables
+        if not any(names[: len(header)] == header for header in lists)
+    ]
+    for path in sorted([*findings.unused, *strange])[:MOST_UNUSED]:
+        yield Note("unused", {"file": _relative(folder, path)})

@@ -255,7 +255,7 @@ def _listed(
 ) -> tuple[ListedScan, ...]:
     """The scans with the overrides applied, in the order of their names."""
     camera, pixel_um = (table.choice("camera", tuple(cameras)), table.number("scan_pixel_um"))
-    taken = _taken(table, "")
+    taken = taken_of(table, "")
     listed: dict[str, ListedScan] = {}
     for path in table.files("files"):
         if path.stem in listed:
@@ -296,11 +296,11 @@ def _apply(override: Table, listed: dict[str, ListedScan], cameras: Mapping[str,
             scan.path,
             override.choice("camera", tuple(cameras), scan.camera),
             override.number("scan_pixel_um", scan.scan_pixel_um),
-            _taken(override, scan.taken),
+            taken_of(override, scan.taken),
         )
 
 
-def _taken(table: Table, usual: str) -> str:
+def taken_of(table: Table, usual: str) -> str:
     """The day of exposure that a table states, else the usual one."""
     said = table.text("taken") if table.has("taken") else usual
     if isinstance(time_span(said), Failure):

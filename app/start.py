@@ -12,15 +12,7 @@ from typing import Any, cast
 
 from app.block_form import BlockForm
 from app.block_toml import FILE, RASTERS
-from app.folder_scan import (
-    DEPTH,
-    VECTORS,
-    Findings,
-    find,
-    folders_of_scans,
-    is_plain,
-    with_named,
-)
+from app.folder_scan import DEPTH, VECTORS, Findings, find, folders_of_scans, is_plain, with_named
 from app.margin import read_scan
 from app.new_block import Recognition, recognise_files
 from app.placing import drawn_raw
@@ -87,13 +79,16 @@ def open_start(
     language: str = "",
     token: str = "",
     left: Mapping[str, str] | None = None,
+    home: Path | None = None,
 ) -> Start:
-    """Open the start page of a folder; `left` says who closed another page for it.
+    """Open the start page of a folder.
+
+    `left` says who closed another page for it, `home` is the folder of blocks it was chosen in.
 
     Raises:
         PhotogrammetryError: The port cannot be had.
     """
-    starting = Starting(folder)
+    starting = Starting(folder, home)
     access = Access(host, token or token_of(starting.folder))
     said = {
         "name": starting.folder.name,
@@ -134,8 +129,9 @@ def token_of(folder: Path) -> str:
 class Starting:
     """What the start page asks for and sets off; satisfies `ui.web.start.Starter`."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, home: Path | None = None) -> None:
         self.folder = folder.resolve()
+        self._home = "" if home in (None, self.folder) else str(home)
         self.chosen = self.folder
         self.over = threading.Event()
         self.running = Running(self.folder)
@@ -166,11 +162,14 @@ class Starting:
             given = form.written
             return {
                 "folder": str(self.folder),
+                "home": self._home,
                 "written": self.form.file.is_file(),
                 "found": [list(line) for line in recognition.found],
                 "gaps": [[gap.name, gap.out, list(gap.keys)] for gap in recognition.gaps
                          if not any(key in given for key in gap.keys)],
-                "notes": [[note.name, dict(note.values)] for note in recognition.notes],
+                "notes": [[note.name, dict(note.values)] for note in recognition.notes
+                          if note.name != "unused"
+                          or self.folder / note.values["file"] not in form.files],
                 "scans": scans,
                 "crs": crs,
                 "outlines": [outline.part() for outline in outlines],

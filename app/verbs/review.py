@@ -9,7 +9,7 @@ from app.desk.inputs import desk_inputs
 from app.desk.wiring import OpenDesk, open_desk
 from app.placing import Placing, open_placing, placeable
 from app.project import Project, read_project
-from app.start import open_start, wants_start
+from app.start import blocks_in, open_start, wants_start
 from app.terminal import Voice
 from core.said import say
 from sessions.disk import may_be_written
@@ -41,6 +41,7 @@ class Visit:
         self.token = ""
         self.left: dict[str, str] | None = None
         self._opened = bool(given.no_browser)
+        self.home = self.block.resolve() if blocks_in(self.block) else None
 
     def shown(self, page: Opened, said: str) -> None:
         """Say where a page is, and open it in the browser unless one is open there already."""
@@ -55,7 +56,7 @@ class Visit:
         given = self.given
         while True:
             with open_start(
-                folder, given.host, self.port, given.language, self.token, self.left
+                folder, given.host, self.port, given.language, self.token, self.left, self.home
             ) as page:
                 where = "Files, settings and the run: {url}  (Ctrl-C closes)"
                 self.shown(page, say(where, url=page.url))

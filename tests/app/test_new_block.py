@@ -169,7 +169,7 @@ def test_lines_that_are_no_roads_and_other_systems_are_noted__truth(folder: Path
     )
     assert "vrstevnice.gpkg holds lines that are probably no roads" in notes
     assert "roads/gps.gpkg is in EPSG:4326, not in EPSG:5514" in notes
-    assert "scans/broken.tif cannot be opened" in notes
+    assert "scans/broken.tif cannot be read" in notes
 
 
 def test_scans_among_other_files_are_named_one_by_one__truth(folder: Path) -> None:

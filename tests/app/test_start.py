@@ -319,6 +319,37 @@ def test_what_a_setting_makes_again_is_told__truth(tiny_run: Any, tmp_path: Path
         assert session.products.latest_value("walked")
 
 
+def test_a_scan_that_was_cut_off_is_not_counted_and_a_readme_is_told__truth(data: Path) -> None:
+    """It was counted among those found beside a picture that said it cannot be read."""
+    (data / "readme.txt").write_text("About these scans.\n", encoding="utf-8")
+    (data / "about.pdf").write_bytes(b"%PDF")
+    first, *others = sorted((data / "scans").glob("*.tif"))
+    (data / "scans" / f"{first.name}.aux.xml").touch()
+    first.write_bytes(first.read_bytes()[:-2000])
+    found = Starting(data).found()
+    assert dict(found["found"])["scans"].startswith(f"{len(others)}: ")
+    assert [scan["file"] for scan in found["scans"] if scan["why"]] == [first.name]
+    named = {
+        name: [v["file"] for n, v in found["notes"] if n == name] for name, _ in found["notes"]
+    }
+    assert named == {"unreadable": [f"scans/{first.name}"], "unused": ["about.pdf", "readme.txt"]}
+
+
+def test_a_field_says_what_is_to_be_typed_into_it__truth(data: Path) -> None:
+    """Brackets and quotes of the file were asked for, and some only once others were mended."""
+    starting = Starting(data)
+    values = values_of(starting) | {
+        DISTANCE: "abc", "camera.film.frame_mm": [18, "x", 18, "cm"], "scans.taken": "May",
+        "camera.film.fiducials_mm": {"1": [84.5]},
+    }  # fmt: skip
+    told = starting.judge(values)["errors"]
+    assert set(told) == {DISTANCE, "camera.film.frame_mm", "scans.taken",
+                         "camera.film.fiducials_mm"}  # fmt: skip
+    assert told["camera.film.frame_mm"].startswith("2 numbers belong here. Write digits alone and")
+    assert told[DISTANCE] == "This is no number. Write digits alone, such as 12.5."
+    assert "[" not in "".join(told.values())
+
+
 def test_an_accuracy_that_pixels_cannot_bear_is_asked_about__truth(data: Path) -> None:
     """An ortho of 10 m was taken at 0.25 m without a word, and the block passed."""
     starting = Starting(data)

@@ -161,3 +161,36 @@ def test_axe_finds_nothing_on_the_start_page__oracle(
         found.append(page.evaluate(VIOLATIONS))
     context.close()
     assert found == [[]] * 4
+
+
+def test_what_holds_a_run_back_is_named_at_the_foot_until_it_is_mended__truth(
+    chromium, tiny_block, tmp_path
+):
+    """*Run* was grey without a word, and the refusal stayed beside "Settings saved."."""
+    folder, home = tmp_path / "many" / "one", tmp_path / "many"
+    shutil.copytree(tiny_block / "scans", folder / "scans")
+    shutil.copytree(tiny_block / "ortho", folder / "ortho")
+    context = chromium.new_context(viewport={"width": 1366, "height": 768}, bypass_csp=True)
+    context.set_default_timeout(PATIENCE_MS)
+    with open_start(folder, "127.0.0.1", 0, home=home) as opened:
+        page = context.new_page()
+        page.goto(opened.url)
+        page.fill("#field-scans-scan_pixel_um", "abc")
+        page.click('[data-to="scans.scan_pixel_um"]')
+        assert page.evaluate("document.activeElement.id") == "field-scans-scan_pixel_um"
+        page.click('[data-act="start.save"]')
+        page.wait_for_selector(".notice.grave")
+        page.fill("#field-scans-scan_pixel_um", "180")
+        page.wait_for_selector(".notice.grave", state="detached")
+        page.wait_for_selector("#mend", state="detached")
+        page.fill("#field-scans-scan_pixel_um", "abc")
+        page.click('[data-act="start.save"]')
+        page.wait_for_selector(".notice.grave")
+        # Saved before the page has been told that it is mended.
+        page.fill("#field-scans-scan_pixel_um", "180")
+        page.click('[data-act="start.save"]')
+        page.wait_for_selector(".notice:has-text('Settings saved')")
+        assert page.locator(".notice").count() == 1
+        page.click('[data-act="start.home"]')
+        assert opened.wait() == home
+    context.close()

@@ -565,6 +565,8 @@ interface Form extends Judged {
 }
 interface Found {
   folder: string;
+  /** The folder of blocks it was chosen in; empty where there is none. */
+  home: string;
   written: boolean;
   found: [name: string, value: string][];
   /** Each of the keys fills the gap. */

@@ -1,5 +1,5 @@
 // A run that was begun on a page: a line for each stage, what is left of it, cancel and log.
-import { again, byId, element, number, start, word } from "./words.js";
+import { again, all, byId, element, number, start, word } from "./words.js";
 
 const BUSY_MS = 700; // design: a run is watched closely, an idle page now and then
 const IDLE_MS = 4000;
@@ -22,12 +22,22 @@ export async function post(address, body = {}) {
   return { ok: answer.ok, error };
 }
 
-/** @param {Told} said */
-export function tell(said, grave = false) {
+/**
+ * A notice, which takes the place of an older one about the same.
+ * @param {Told} said @param {string} about what was asked for; nothing for what stands alone
+ */
+export function tell(said, grave = false, about = "") {
   const kind = `notice${grave ? " grave" : ""}`;
-  const box = element("div", { class: kind, onclick: () => box.remove() }, again(said));
+  const box = element("div", { class: kind, "data-about": about, onclick: () => box.remove() },
+    again(said));
+  settle(about);
   byId("notices").append(box);
   setTimeout(() => box.remove(), grave ? 30000 : 3500);
+}
+
+/** What was said about it no longer holds. @param {string} about */
+export function settle(about) {
+  if (about) for (const box of all(`.notice[data-about="${about}"]`)) box.remove();
 }
 
 export async function beginRun() {

@@ -1,9 +1,10 @@
 // The start page: what a folder holds and lacks, files into it, its settings, and the run.
 import { again, all, byId, element, fillWords, first, number, renew, start, word }
   from "./words.js";
-import { beginRun, cancelRun, lookAgain, post, runLines, runNow, tell, watchRun } from "./run.js";
-import { dropWritten, fillFields, formShown, formValues, recallWritten, settleWritten, showForm }
-  from "./start_form.js";
+import { beginRun, cancelRun, lookAgain, post, runLines, runNow, settle, tell, watchRun }
+  from "./run.js";
+import { dropWritten, fillFields, formShown, formValues, goToField, recallWritten, settleWritten,
+  showForm } from "./start_form.js";
 import { drawMap, setUpFilm, showScans } from "./start_film.js";
 import { afterPause } from "./view.js";
 import { nextTheme, setUpTheme } from "./theme.js";
@@ -50,8 +51,12 @@ function show() {
 }
 
 /** @param {Found} found */
-function folderPart({ folder, blocks }) {
-  const parts = [element("h2", {}, word("start.folder")), element("p", { class: "path" }, folder)];
+function folderPart({ folder, blocks, home }) {
+  const back = home ? [element("div", { class: "acts" }, element("button", { type: "button",
+    "data-act": "start.home", title: home, disabled: start.guest, onclick: () => open(home) },
+  word("start.home")))] : [];
+  const parts = [element("h2", {}, word("start.folder")),
+    element("p", { class: "path" }, ...breakable(folder)), ...back];
   if (!blocks.length) return parts;
   const lines = blocks.map((one) => element("li", { class: "have" },
     element("i", {}, one.run ? "\u2713" : "\u00b7"), element("span", {}, element("button",
@@ -100,14 +105,18 @@ function uploadLine({ name, share, why }) {
       : element("span", { class: "share" }, bar));
 }
 
+/** Names of files break after a sign that parts them. @param {string} text */
+const breakable = (text) => text.split(/(?<=[/_-])/)
+  .flatMap((part) => [part, element("wbr")]).slice(0, -1);
+
 /** @param {Found} found */
 function holdings({ found, gaps, notes, links, added }) {
   const line = (/** @type {string} */ kind, /** @type {string} */ sign,
     /** @type {(Node | string)[]} */ ...said) => element("li", { class: kind },
     element("i", {}, sign), element("span", {}, ...said));
   const have = found.map(([name, value]) =>
-    line("have", "\u2713",
-      `${word(`found.${name}`)}: ${name === "begin" ? word(`choice.${value}`) : value}`));
+    line("have", "\u2713", ...breakable(
+      `${word(`found.${name}`)}: ${name === "begin" ? word(`choice.${value}`) : value}`)));
   const filled = new Set(Object.entries(formValues()).filter(([, value]) => value !== null)
     .map(([name]) => name.replace(/^(\w+)\..*?(\w+)$/, "$1.$2")));
   const lacking = gaps.filter(([, , keys]) => !keys.some((key) => filled.has(key)));
@@ -261,8 +270,9 @@ const judgeSoon = afterPause(async () => {
   // What was written meanwhile is judged next.
   if (JSON.stringify(values) !== JSON.stringify(formValues())) return;
   state.checking = false;
-  if (!answer.ok) return tell(answer.error, true);
+  if (!answer.ok) return tell(answer.error, true, "form");
   fillFields(answer);
+  if (!Object.keys(answer.errors).length) settle("form");
   if (state.found) state.found.ahead = answer.ahead;
   showGo(answer);
   if (state.found) renew(byId("holdings"), ...holdings(state.found));
@@ -284,6 +294,10 @@ function showGo(judged) {
     what: missing.map((name) => formShown(name)).join("; "),
   }))] : [];
   const whole = errors[""] ? [element("p", { class: "doubted" }, again(errors[""]))] : [];
+  const wrong = Object.entries(errors).filter(([name]) => name).map(([name, why]) =>
+    goToField(name, again(why)));
+  const mend = wrong.length ? [element("p", { class: "doubted", id: "mend" },
+    word("start.mend")), element("div", { class: "acts" }, ...wrong)] : [];
   const ahead = !ready ? [] : found?.made && found.ahead.length ? [element("p", { class: "muted" },
     word("start.ahead", { what: found.ahead.map((name) => word(`stage.${name}`)).join(", ") }))]
     : found?.made ? [element("p", { class: "muted" }, word("start.fresh"))] : [];
@@ -292,7 +306,7 @@ function showGo(judged) {
     { type: "button", "data-act": name, disabled: start.guest, onclick, ...more }, word(name));
   const running = now === "running" || now === "done";
   const busy = checking ? [element("p", { class: "muted" }, word("start.checking"))] : [];
-  renew(byId("go"), ...busy, ...whole, ...lacks,
+  renew(byId("go"), ...busy, ...whole, ...mend, ...lacks,
     element("ul", { class: "holds" }, ...said), ...ahead,
     element("div", { class: "acts" },
       running ? act("remake.cancel", cancelRun)
@@ -308,18 +322,18 @@ function showGo(judged) {
 async function save() {
   const answer = await post("/form", { values: formValues() });
   if (!answer.ok) {
-    tell(answer.error, true);
+    tell(answer.error, true, "form");
     return false;
   }
   fillFields(answer);
   if (!answer.saved) {
     showGo(answer);
     first(".field.bad input, .field.bad textarea, .field.bad select")?.focus();
-    tell(word("start.wrong"), true);
+    tell(word("start.wrong"), true, "form");
     return false;
   }
   settleWritten();
-  tell(word("start.saved"));
+  tell(word("start.saved"), false, "form");
   await load();
   return true;
 }

@@ -59,6 +59,22 @@ export function formShown(name) {
   return word(`key.${parts[0]}.${parts[parts.length - 1]}`);
 }
 
+/**
+ * A way to a field that cannot be used; what the form does not have says itself what is wrong.
+ * @param {string} name @param {string} why
+ */
+export function goToField(name, why) {
+  const one = state.shown.find((shown) => shown.name === name);
+  if (!one) return element("p", {}, `[${name.replace(/\.(?=\w+$)/, "] ")} ${why}`);
+  return element("button", { type: "button", class: "small", "data-to": name, title: why,
+    onclick: () => {
+      const folded = one.room.closest("details");
+      if (folded) folded.open = true;
+      one.room.scrollIntoView({ block: "nearest" });
+      one.input.focus();
+    } }, formShown(name));
+}
+
 /** @param {string} table @param {FormField} field @param {() => void} changed */
 function fieldPart(table, field, changed) {
   const name = `${table}.${field.key}`;
