@@ -209,6 +209,8 @@ def _unused(files: list[Path]) -> Iterator[Path]:
     for path in files:
         parts = path.name.split(".")
         starts = ((path.parent, ".".join(parts[:end])) for end in range(1, len(parts)))
+        if path.name == FILE or path.name.partition("-")[0] in OWN:  # also GeoPackage's own `-wal`
+            continue
         if path not in known and path.suffix.lower() not in TABLES and not stems & {*starts}:
             yield path
 

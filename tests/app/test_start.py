@@ -326,6 +326,8 @@ def test_a_scan_that_was_cut_off_is_not_counted_and_a_readme_is_told__truth(data
     first, *others = sorted((data / "scans").glob("*.tif"))
     (data / "scans" / f"{first.name}.aux.xml").touch()
     first.write_bytes(first.read_bytes()[:-2000])
+    (data / "session.gpkg-wal").touch()
+    (data / "block.toml").write_text("[block]\n", encoding="utf-8")
     found = Starting(data).found()
     assert dict(found["found"])["scans"].startswith(f"{len(others)}: ")
     assert [scan["file"] for scan in found["scans"] if scan["why"]] == [first.name]

@@ -123,7 +123,7 @@ def fill_ngi(hand: Hand, data: Path) -> None:
     hand.type("#field-camera-film-frame_mm", "92.16, 165.888")
     hand.type("#field-scans-scan_pixel_um", "144")
     hand.choose("#field-scans-georeference", "none")
-    for table in ("scans", "reference", "ortho"):
+    for table in ("scans", "ortho"):
         fold = f"details:has(> .field > [id^='field-{table}-'])"
         if hand.page.get_attribute(fold, "open") is None:
             hand.click(f"{fold} > summary")

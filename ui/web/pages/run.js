@@ -15,6 +15,7 @@ export const runNow = () => state.run;
 export async function post(address, body = {}) {
   const headers = { "content-type": "application/json" };
   const answer = await fetch(address, { method: "POST", body: JSON.stringify(body), headers });
+  settle(address);
   const isJson = answer.headers.get("content-type")?.includes("json");
   if (isJson) return { ok: answer.ok, ...(await answer.json()) };
   const error = answer.status === 403 ? word(start.looking ? "notice.read-only" : "notice.guest")
@@ -23,26 +24,25 @@ export async function post(address, body = {}) {
 }
 
 /**
- * A notice, which takes the place of an older one about the same.
- * @param {Told} said @param {string} about what was asked for; nothing for what stands alone
+ * A notice, which stays until the same is answered anew, it is clicked away, or a while.
+ * @param {Told} said @param {string} about address that was asked; nothing for what stands alone
  */
 export function tell(said, grave = false, about = "") {
   const kind = `notice${grave ? " grave" : ""}`;
   const box = element("div", { class: kind, "data-about": about, onclick: () => box.remove() },
     again(said));
-  settle(about);
   byId("notices").append(box);
   setTimeout(() => box.remove(), grave ? 30000 : 3500);
 }
 
 /** What was said about it no longer holds. @param {string} about */
 export function settle(about) {
-  if (about) for (const box of all(`.notice[data-about="${about}"]`)) box.remove();
+  for (const box of all(`.notice[data-about="${about}"]`)) box.remove();
 }
 
 export async function beginRun() {
   const answer = await post("/run");
-  if (answer.ok === false) tell(answer.error ?? "", true);
+  if (answer.ok === false) tell(answer.error ?? "", true, "/run");
   else state.run = answer;
   state.changed();
   watchRun(state.changed);

@@ -144,14 +144,14 @@ function holdings({ found, gaps, notes, links, added }) {
 /** @param {string} name */
 async function unlink(name) {
   const answer = await post("/unlink", { path: name });
-  if (!answer.ok) tell(answer.error, true);
+  if (!answer.ok) tell(answer.error, true, "/unlink");
   load();
 }
 
 /** @param {string} path */
 async function open(path) {
   const answer = await post("/open", { path });
-  if (!answer.ok) return tell(answer.error, true);
+  if (!answer.ok) return tell(answer.error, true, "/open");
   tell(word("start.opening"));
   lookAgain();
 }
@@ -226,7 +226,7 @@ async function dropped({ items }) {
 async function browse(path) {
   const dialog = /** @type {HTMLDialogElement} */ (byId("folders"));
   const answer = await post("/folders", { path });
-  if (!answer.ok) return tell(answer.error, true);
+  if (!answer.ok) return tell(answer.error, true, "/folders");
   const { path: here, parent, folders, files, block } = answer;
   const step = (/** @type {string} */ name, /** @type {string} */ to) => element("li", {},
     element("button", { onclick: () => browse(to) }, name));
@@ -253,7 +253,7 @@ async function browse(path) {
 /** @param {string} path */
 async function link(path) {
   const answer = await post("/link", { path });
-  if (!answer.ok) return tell(answer.error, true);
+  if (!answer.ok) return tell(answer.error, true, "/link");
   load();
 }
 
@@ -270,9 +270,9 @@ const judgeSoon = afterPause(async () => {
   // What was written meanwhile is judged next.
   if (JSON.stringify(values) !== JSON.stringify(formValues())) return;
   state.checking = false;
-  if (!answer.ok) return tell(answer.error, true, "form");
+  if (!answer.ok) return tell(answer.error, true, "/form/judge");
   fillFields(answer);
-  if (!Object.keys(answer.errors).length) settle("form");
+  if (!Object.keys(answer.errors).length) settle("/form");
   if (state.found) state.found.ahead = answer.ahead;
   showGo(answer);
   if (state.found) renew(byId("holdings"), ...holdings(state.found));
@@ -322,18 +322,18 @@ function showGo(judged) {
 async function save() {
   const answer = await post("/form", { values: formValues() });
   if (!answer.ok) {
-    tell(answer.error, true, "form");
+    tell(answer.error, true, "/form");
     return false;
   }
   fillFields(answer);
   if (!answer.saved) {
     showGo(answer);
     first(".field.bad input, .field.bad textarea, .field.bad select")?.focus();
-    tell(word("start.wrong"), true, "form");
+    tell(word("start.wrong"), true, "/form");
     return false;
   }
   settleWritten();
-  tell(word("start.saved"), false, "form");
+  tell(word("start.saved"), false, "/form");
   await load();
   return true;
 }
