@@ -116,7 +116,7 @@ function holdings({ found, gaps, notes, links, added }) {
     element("i", {}, sign), element("span", {}, ...said));
   const have = found.map(([name, value]) =>
     line("have", "\u2713", ...breakable(
-      `${word(`found.${name}`)}: ${name === "begin" ? word(`choice.${value}`) : value}`)));
+      `${word(`found.${name}`)}: ${name === "begin" ? word(`choice.${value}`) : again(value)}`)));
   const filled = new Set(Object.entries(formValues()).filter(([, value]) => value !== null)
     .map(([name]) => name.replace(/^(\w+)\..*?(\w+)$/, "$1.$2")));
   const lacking = gaps.filter(([, , keys]) => !keys.some((key) => filled.has(key)));
