@@ -51,6 +51,14 @@ def test_sigma_nought_is_put_into_words__law(written, value, said):
     assert said in findings(figures, Teller())["sigma"]
 
 
+def test_a_crs_without_a_name_is_told_shortly__law(written):
+    figures = json.loads(json.dumps(written[1]))
+    figures["block"]["crs"] = "+proj=tmerc +lat_0=0 +lon_0=25 +k=1 +datum=WGS84 +units=m"
+    told = findings(figures, Teller("cs"))["subtitle"]
+    assert "nepojmenovaný systém (Transverse Mercator)" in told
+    assert "+proj" not in told
+
+
 @pytest.mark.parametrize(("name", "said"), [
     ("principal_distance_mm", "konstanta komory, mm"),
     ("k1_um wild", "radiální distorze k1, µm wild"), ("gnss_shift_X_m", "posun GNSS X, m"),
