@@ -115,6 +115,10 @@ def test_quality_is_printed_light_with_date_operator_and_version__truth(sit):
     )
     page.emulate_media(media="print")
     page.pdf(print_background=True)
+    # Names of photos and counts lead somewhere, and are read on paper.
+    assert page.locator('#quality [data-part="photos"] button.link').first.is_visible()
+    assert page.locator("#quality .cells button").first.is_visible()
+    assert not page.locator("#quality-close").is_visible()
     theme, line, *seen = page.evaluate("window.paper")
     assert theme == "light"
     assert seen == [True, True]
