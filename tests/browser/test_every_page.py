@@ -137,7 +137,7 @@ AWAY = {
 }  # fmt: skip
 """Write settings, begin a run, leave the page, or go once their work is done: others test them."""
 DECIDING_ELSEWHERE = {f"board={name}" for name in (*ON_BOARD, "undo", "fill")}
-DECIDING_ELSEWHERE |= {"act=undo", "act=redo", "sign"}
+DECIDING_ELSEWHERE |= {"act=undo", "act=redo", "sign", "fault-mark"}
 SHEETS = {
     "": "", "help": "h", "quality": "b", "board": "i", "mask": "Shift+I", "placement": "g",
     "mosaic": "Shift+O", "checks": "Shift+B",
