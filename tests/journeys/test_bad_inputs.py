@@ -78,7 +78,7 @@ BAD_SCANS: dict[str, tuple[Spoil, str, tuple[str, ...]]] = {
     "of another size": (
         scan_cropped,
         ".tif",
-        ("600 x 600 pixels of 180 um", "does not fit the 180 x 180 mm frame", "[[scans.override]]"),
+        ("600 x 600 pixels of 180 µm", "does not fit the 180 x 180 mm frame", "[[scans.override]]"),
     ),
     "of real numbers": (scan_of_reals, ".tif", ("float32", "Save the scan as an 8 or 16 bit")),
     "words in the world file": (world_file("1 2 three"), ".tfw", ("six numbers", "Write A, D, B")),
