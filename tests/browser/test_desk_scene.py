@@ -3,7 +3,7 @@
 import numpy as np
 
 from tests.browser.conftest import scene_of
-from tests.browser.hands import caught_up, current, grow
+from tests.browser.hands import caught_up, grow
 from tests.ui.desk_block import tiny_block
 
 ON_SCREEN = """name => {
@@ -193,26 +193,3 @@ def test_the_scene_says_that_it_loads_and_stands_on_the_pages_ground__law(sit):
     assert scene.evaluate(behind) == f"rgb({red}, {green}, {blue})"
     scene.evaluate("window.__viserMutable.nodeRefFromName = {}")
     page.wait_for_selector("#scene-wait:has-text('Loading')")
-
-
-def test_two_clicks_beside_a_point_list_the_photos_and_stay_at_the_row__law(sit):
-    page = sit()
-    scene = scene_of(page)
-    grow(page, "block")
-    page.click('[data-layer="photos"]')
-    page.wait_for_function("!gruber.parts.scene.layers.photos")
-    scene.wait_for_function(
-        "innerWidth > 1000 && "
-        "Math.abs(__viserMutable.camera.aspect - innerWidth / innerHeight) < 0.01"
-    )
-    block, here = tiny_block().block, current(page).split("|")[0]
-    others = sorted({name for name, _ in block.measurements} - {here})
-    places = [(block.surveyed[name].position - block.origin).tolist() for name in others]
-    x, y = scene.evaluate(SEEN_AT, places)[0]
-    seat = "JSON.stringify([gruber.parts.point.key, gruber.parts.queue.filter])"
-    before, box = page.evaluate(seat), page.locator("#scene").bounding_box()
-    page.mouse.dblclick(box["x"] + x + 5, box["y"] + y + 4)
-    page.wait_for_selector("#scene-list:not([hidden])")
-    # Longer than the clicks, that go another way, are on theirs.
-    page.wait_for_timeout(1500)
-    assert page.evaluate(seat) == before

@@ -9,6 +9,7 @@ import pytest
 
 from app.desk.wiring import open_desk
 from sessions.session import Session
+from tests.browser.hands import accept
 from tests.ui.desk_block import desk_inputs, tiny_block
 
 HOSTILE = '"><img src=x onerror=window.hurt=1>.tif'
@@ -185,7 +186,7 @@ def test_names_people_give_are_kept_short_and_plain__law(tmp_path, sit_at):
             "gruber.parts.status.operator.startsWith('<img')"
         )
         point = page.get_attribute(".row.current", "data-key").split("|")
-        page.keyboard.press("y")
+        accept(page)
         page.wait_for_function("gruber.parts.status.decided === 1")
         assert page.evaluate("window.hurt") is None
         with Session.open(tmp_path, "reader") as session:

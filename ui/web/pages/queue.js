@@ -171,12 +171,6 @@ function sieve(change) {
 /** Only points within an area; without corners, all. @param {Pair[]} area */
 export const sieveArea = (area) => sieve({ area });
 
-/** What is let through, and the row one stands on. */
-export function placeInQueue() {
-  const { filter, current } = state.queue ?? {};
-  return { filter, key: current !== undefined && state.rows[current] ? keyOf(current) : null };
-}
-
 /** The area of the filter, and where what it lets through lies. */
 export function areaShown() {
   const { area = [] } = state.queue?.filter ?? {};

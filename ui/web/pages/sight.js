@@ -4,13 +4,11 @@ import { eyeOf, rayThrough } from "./eye.js";
 import {
   byId, element, first, number, shortName, shortPoint, stateGlyph, turn, word,
 } from "./words.js";
-import { placeInQueue } from "./queue.js";
 import { send } from "./wire.js";
 
 const REST_MS = 120; // design: a hand on its way wants no card
 const SIDE_RAYS = 8; // design: hills of an eighth of the area are followed
 const MOVED_PX = 5; // design: as still as a hand is held
-const DOUBLE_MS = 500; // design: what usual systems take for a double click
 const BESIDE_PX = 14; // design: clear of the pointer
 const state = {
   /** Questions are numbered, also those of a page that was loaded anew. */
@@ -18,9 +16,6 @@ const state = {
   pointer: /** @type {Pair} */ ([0, 0]),
   timer: 0,
   inside: "",
-  pressed: -Infinity,
-  /** Where one was in the queue before the first click of two. */
-  before: /** @type {ReturnType<typeof placeInQueue>} */ ({ filter: undefined, key: null }),
   /** Where a hand has begun to draw an area. */
   corner: /** @type {Pair | null} */ (null),
 };
@@ -34,10 +29,6 @@ export function setUpSight() {
     const inside = frame.contentWindow;
     inside?.addEventListener("pointermove", rest);
     inside?.addEventListener("pointerdown", hideCard);
-    inside?.addEventListener("pointerdown", ({ timeStamp }) => {
-      if (timeStamp - state.pressed > DOUBLE_MS) state.before = placeInQueue();
-      state.pressed = timeStamp;
-    });
     inside?.addEventListener("wheel", hideCard, { passive: true });
     inside?.document.addEventListener("pointerleave", hideCard);
     inside?.addEventListener("dblclick", ({ clientX, clientY }) => {
@@ -161,7 +152,6 @@ export function showCard(told) {
 /** @param {Sight} told */
 export function showSight(told) {
   if (told.number !== state.number) return;
-  goBack();
   const close = element("button", {
     class: "small", title: word("act.close"), "aria-label": word("act.close"), onclick: closeSight,
   }, "\u00d7");
@@ -178,15 +168,6 @@ export function showSight(told) {
     element("p", {}, word("sight.place", { east: told.place[0], north: told.place[1],
       height: told.place[2] })), ...rows);
   list().hidden = false;
-}
-
-/** The first of two clicks may have chosen a point near by: two ask about the place alone. */
-function goBack() {
-  const { filter, key } = state.before;
-  const now = placeInQueue();
-  if (!filter || !key || JSON.stringify(now) === JSON.stringify(state.before)) return;
-  send({ kind: "filter", ...filter });
-  send({ kind: "select", key });
 }
 
 /** True when the list was open. */
