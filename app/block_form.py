@@ -197,7 +197,7 @@ def _why(error: PhotogrammetryError) -> str:
         cause = say("{count:# number belongs|# numbers belong} here.", count=cause.values["count"])
         remedy = say("Write digits alone and a space between numbers, such as 84.5 −0.3.")
     elif template == "must be a number, not {value!r}.":
-        cause, remedy = say("This is no number."), say("Write digits alone, such as 12.5.")
+        cause, remedy = say("This is not a number."), say("Write digits alone, such as 12.5.")
     return say("{cause} {remedy}", cause=cause, remedy=remedy)
 
 

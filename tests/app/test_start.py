@@ -348,7 +348,7 @@ def test_a_field_says_what_is_to_be_typed_into_it__truth(data: Path) -> None:
     assert set(told) == {DISTANCE, "camera.film.frame_mm", "scans.taken",
                          "camera.film.fiducials_mm"}  # fmt: skip
     assert told["camera.film.frame_mm"].startswith("2 numbers belong here. Write digits alone and")
-    assert told[DISTANCE] == "This is no number. Write digits alone, such as 12.5."
+    assert told[DISTANCE] == "This is not a number. Write digits alone, such as 12.5."
     assert "[" not in "".join(told.values())
 
 
