@@ -16,7 +16,7 @@ from app.block_writing import with_values
 from app.new_block import CAMERA, Recognition, toml_of
 from app.project import Project, may_have_points, project_of, taken_of
 from core.errors import PhotogrammetryError, ProjectError
-from core.said import Said, say
+from core.said import say
 
 FILES = ("file", "files", "rasters")
 
@@ -186,18 +186,17 @@ def judged(document: Document) -> Judged:
     return Judged(document.text, errors, tuple(missing), project)
 
 
-def _why(error: PhotogrammetryError) -> str:
+def _why(error: FieldError) -> str:
     """What is wrong and what to do; the field stands above it.
 
     Brackets and quotes of the file are not typed into a field, and what was typed stands in it.
     """
     cause, remedy = error.cause, error.remedy
-    template = getattr(cause, "template", cause)
-    if isinstance(cause, Said) and template == "must be {count} numbers, not {value!r}.":
-        cause = say("{count:# number belongs|# numbers belong} here.", count=cause.values["count"])
-        remedy = say("Write digits alone and a space between numbers, such as 84.5 −0.3.")
-    elif template == "must be a number, not {value!r}.":
+    if error.numbers == 1:
         cause, remedy = say("This is not a number."), say("Write digits alone, such as 12.5.")
+    elif error.numbers:
+        cause = say("{count:# number belongs|# numbers belong} here.", count=error.numbers)
+        remedy = say("Write digits alone and a space between numbers, such as 84.5 −0.3.")
     return say("{cause} {remedy}", cause=cause, remedy=remedy)
 
 

@@ -31,11 +31,14 @@ class FieldError(ProjectError):
     Attributes:
         table: Name of its table, such as `camera.wide`.
         key: The key.
+        numbers: How many numbers belong there, where something else stands; else 0.
     """
 
-    def __init__(self, table: str, key: str, place: str, cause: str, remedy: str) -> None:
+    def __init__(
+        self, table: str, key: str, place: str, cause: str, remedy: str, numbers: int = 0
+    ) -> None:
         super().__init__(place, cause, remedy)
-        self.table, self.key = table, key
+        self.table, self.key, self.numbers = table, key, numbers
 
 
 class Document:
@@ -140,10 +143,10 @@ class Table:
             if key not in keys:
                 raise self.error(key, "is no key of this table.", _nearest(key, tuple(keys)))
 
-    def error(self, key: str, cause: str, remedy: str) -> FieldError:
-        """An error about one key."""
+    def error(self, key: str, cause: str, remedy: str, numbers: int = 0) -> FieldError:
+        """An error about one key; `numbers` as in `FieldError`."""
         place = self.document.place(self.name, key, self.nth)
-        return FieldError(self.name, key, place, cause, remedy)
+        return FieldError(self.name, key, place, cause, remedy, numbers=numbers)
 
     def has(self, key: str) -> bool:
         """True when the key is given."""
@@ -190,6 +193,7 @@ class Table:
                 key,
                 say("must be {count} numbers, not {value!r}.", count=count, value=value),
                 say("Write [{example}].", example=example),
+                numbers=count,
             )
         return tuple(float(item) for item in cast("list[Any]", value))
 
@@ -316,6 +320,7 @@ class Table:
                 key,
                 say("must be a number, not {value!r}.", value=value),
                 remedy,
+                numbers=1,
             )
         if not unit.low <= value <= unit.high:
             cause = say("{value:g} {name} cannot be.", value=value, name=unit.name)

@@ -194,9 +194,9 @@ def judged_parts(
         mosaic: Version of the mosaic; empty where there is none.
     """
     made = standing(changing(decisions))
-    block = [item.decision_id for item in made if not isinstance(item.decision, Withdraw)]
+    block = [item for item in made if not isinstance(item.decision, Withdraw)]
     readings = [
-        item.decision_id
+        item
         for item in standing(decisions)
         if isinstance(item.decision, PlanChecks | ReadCheck) or is_of_a_fault(item.decision)
     ]

@@ -106,6 +106,13 @@ def test_a_signature_holds_until_something_is_changed__law(tmp_path: Path) -> No
         assert changed(session) == [("readings",)]
 
 
+def test_a_signature_is_of_what_was_decided_and_not_of_its_number__law() -> None:
+    signed = Recorded(1, "t", "ada", Accept("P1", "A"))
+    other = replace(signed, decision=Reject("P1", "A", "changed"))
+    before, after = (judged_parts([one], REPORT, "m1") for one in (signed, other))
+    assert [part for part in before if before[part] != after[part]] == ["decisions"]
+
+
 def test_a_photo_that_moves_by_a_millimetre_outdates__law(tmp_path: Path) -> None:
     name, photo = next(iter(REPORT.block.photos.items()))
     off = replace(photo.exterior, centre=photo.exterior.centre + np.array([1e-3, 0.0, 0.0]))

@@ -189,10 +189,19 @@ class BlockView:
         if inside is not None and not self._flight and np.allclose(camera.position, inside.centre):
             # The window may have another shape than before.
             self._look(pose_inside(inside, self._picture.level_m, camera.aspect))
-        elif self._whole is not None:
-            position, window = self._whole
-            if camera.aspect != window and np.allclose(camera.position, position):
-                self.fit(None)
+        else:
+            self.fit_again()
+
+    @property
+    def is_outgrown(self) -> bool:
+        """Whether the window has another shape than when the whole block was looked at."""
+        return self._whole is not None and self._client.camera.aspect != self._whole[1]
+
+    def fit_again(self) -> None:
+        """Look at the whole block in a window of another shape, if nobody looks elsewhere."""
+        at = self._client.camera.position
+        if self.is_outgrown and self._whole and np.allclose(at, self._whole[0]):
+            self.fit(None)
 
     def fit(self, pointed: Pointed | None) -> None:
         """Look at the whole block from the south, or at what is current."""

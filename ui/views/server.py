@@ -174,6 +174,9 @@ class SceneServer:
             if not 0.85 * before < pixel < 1.15 * before:
                 self._distances[client.client_id] = distance, pixel
                 self._thread.submit(self._told, self._resize, client.client_id)
+            elif (view := self._views.get(client.client_id)) is not None and view.is_outgrown:
+                # The eye may arrive where it was sent after the window took another shape.
+                self._thread.submit(self._told, view.fit_again)
 
         client.camera.on_update(cast(Any, moved))
         self._opened(seat_id)

@@ -130,7 +130,13 @@ def test_the_whole_block_fills_a_window_of_any_shape__law(shown):
     view.fit(None)
     for window in (0.7, 1.6):
         camera.aspect = window  # of another shape than the eye was set for
-        view.seen_from(4000.0, 3.0)
+        arrived, camera.position = camera.position, (0.0, 0.0, 1.0)
+        view.fit_again()  # somebody looks elsewhere
+        assert tuple(camera.position) == (0.0, 0.0, 1.0)
+        camera.position = arrived
+        assert view.is_outgrown
+        view.fit_again()
+        assert not view.is_outgrown
         centres = np.array([one.centre for one in picture.frustums])
         places = np.vstack((picture.footprints.reshape(-1, 3), centres)) - camera.position
         ahead = np.asarray(camera.look_at) - camera.position
