@@ -1,8 +1,8 @@
 """Drawings of the accuracy report as SVG, from its figures alone."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, erf, floor, hypot, log10, sqrt
+from math import ceil, floor, hypot, log10, sqrt
 from typing import Any
 
 from markupsafe import Markup
@@ -40,14 +40,6 @@ class _Sheet:
             MARGIN + (position[0] - self.west) * self.per_metre,
             MARGIN + (self.north - position[1]) * self.per_metre,
         )
-
-
-WIDE, TALL, EDGE = 380.0, 150.0, 26.0
-"""Plot area of a histogram and the room below it, pixels."""
-FILM = 118.0
-"""Side of the film in a plot of one photo, pixels."""
-LONGEST = 0.45
-"""The longest arrow of all photos, as a share of a cell's side times two."""
 
 
 def draw_map(figures: Figures, tell: Teller) -> tuple[Markup, float | None]:
@@ -156,61 +148,6 @@ def draw_mosaic_again(mosaic: Figures, tell: Teller, part: str = MOSAIC) -> Mark
 def _picture(drawn: Markup, box: str, name: str) -> Markup:
     """A drawing as wide as its room, with a name for those who do not see it."""
     return tag("svg", drawn, viewBox=box, class_="map", role="img", **{"aria-label": name})
-
-
-def draw_bars(counts: dict[str, int], tell: Teller) -> Markup:
-    """A bar for every number of rays."""
-    if not counts:
-        return Markup("")
-    keys = sorted(counts, key=int)
-    most, step, base = max(counts.values()), 70.0, 150.0
-    parts: list[Markup] = []
-    for index, key in enumerate(keys):
-        x, tall = 20 + index * step, 120.0 * counts[key] / most
-        parts += [
-            _rect((x, base - tall), step - 22, max(tall, 0.8), "bar"),
-            _text(
-                (x + (step - 22) / 2, base - tall - 6), tell.number(counts[key], ","), "barcount"
-            ),
-            _text((x + (step - 22) / 2, base + 17), key, "barname"),
-        ]
-    width = 20 + len(keys) * step + 60
-    parts.append(_line((10, base), (width - 60, base), "axis"))
-    parts.append(_text((width - 54, base + 17), tell("report.rays"), "unit"))
-    return chart(parts, width, 176)
-
-
-def chart(parts: Sequence[Markup], width: float, height: float, top: float = 0.0) -> Markup:
-    """A small drawing at its own size, pixels."""
-    return tag(
-        "svg",
-        Markup("").join(parts),
-        viewBox=f"0 {top:.0f} {width:.0f} {height:.0f}",
-        class_="bars",
-        style=f"width:{width:.0f}px",
-    )
-
-
-def draw_reliability(bins: Sequence[Figures], tell: Teller) -> Markup:
-    """Probability as stated (across) and as borne out (up); a dot's area is its proposals."""
-    if not bins:
-        return Markup("")
-    side, edge = 200.0, 30.0
-    most = max(one["proposals"] for one in bins)
-    parts = [
-        _line((edge, side), (edge + side, side), "axis"),
-        _line((edge, 0), (edge, side), "axis"),
-        _line((edge, side), (edge + side, 0), "axis"),
-        _text((edge + side, side + 17), "1", "barname"),
-        _text((edge + side / 2, side + 17), tell("report.reliability.stated"), "barname"),
-        _text((edge, side + 17), "0", "barname"),
-        _text((edge - 10, 10), "1", "barname"),
-    ]
-    for one in bins:
-        x, y = edge + side * one["stated"], side * (1.0 - one["borne_out"])
-        radius = 2.0 + 7.0 * sqrt(one["proposals"] / most)
-        parts.append(_dot((x, y), "bar", radius))
-    return chart(parts, edge + side + 40, side + 34, top=-10)
 
 
 def draw_coverage(photo: Figures) -> Markup:
@@ -386,95 +323,3 @@ def tag(name: str, inner: str | Markup = "", **attributes: str | float) -> Marku
         for key, value in attributes.items()
     )
     return Markup("<{0}{1}>{2}</{0}>").format(Markup(name), told, inner)
-
-
-def draw_histogram(figures: Figures, tell: Teller, unit: str = "px") -> Markup:
-    """Residuals by size, and the normal curve of the same RMS."""
-    counts, rms, reach = figures["counts"], figures[f"rms_{unit}"], figures[f"reach_{unit}"]
-    bars = len(counts)
-    expected = [figures["count"] * _expected(rms / reach, bar, bars) for bar in range(bars)]
-    most = max(*counts, *expected, 1)
-    step = WIDE / len(counts)
-    parts = [
-        _rect((EDGE + n * step + 0.5, 10 + TALL - tall), step - 1, max(tall, 0.0), "bar")
-        for n, tall in enumerate(TALL * count / most for count in counts)
-    ]
-    curve = " ".join(
-        f"{EDGE + (number + 0.5) * step:.1f},{10 + TALL * (1 - value / most):.1f}"
-        for number, value in enumerate(expected)
-    )
-    parts += [
-        tag("polyline", points=curve, class_="curve"),
-        _line((EDGE, 10 + TALL), (EDGE + WIDE, 10 + TALL), "axis"),
-        *(
-            _text(
-                (EDGE + WIDE * (1 + share) / 2, 10 + TALL + 17),
-                tell.number(share * reach, "+.2g"),
-                "barname",
-            )
-            for share in (-1.0, -0.5, 0.5, 1.0)
-        ),
-        _text((EDGE + WIDE / 2, 10 + TALL + 17), f"0 {unit}", "barname"),
-    ]
-    return chart(parts, WIDE + 2 * EDGE, TALL + 34)
-
-
-def _expected(rms: float, number: int, bars: int) -> float:
-    """Share of a normal distribution in a bar; RMS as a share of reach."""
-    if not rms:
-        return 0.0
-    low, high = ((2 * (number + side) / bars - 1) / rms / sqrt(2) for side in (0, 1))
-    return (erf(high) - erf(low)) / 2
-
-
-def draw_trend(figures: Figures, unit: str, tell: Teller) -> Markup:
-    """Mean radial residuals with twice their standard deviation to either side."""
-    along, means, sigmas = figures["along"], figures["mean_px"], figures["sigma_px"]
-    reach = max(abs(m) + 2 * s for m, s in zip(means, sigmas, strict=True)) or 1.0
-    low, span = along[0], along[-1] - along[0] or 1.0
-
-    def place(at: float, value: float) -> tuple[float, float]:
-        return EDGE + WIDE * (at - low) / span, 10 + TALL * (1 - value / reach) / 2
-
-    parts = [_line((EDGE, 10 + TALL / 2), (EDGE + WIDE, 10 + TALL / 2), "axis")]
-    for at, mean, sigma in zip(along, means, sigmas, strict=True):
-        (x, top), (_, foot) = place(at, mean + 2 * sigma), place(at, mean - 2 * sigma)
-        parts.append(_line((x, top), (x, foot), "vector controlline"))
-        parts.append(_dot((x, place(at, mean)[1]), "filmdot", 2.5))
-    for at in (along[0], along[-1]):
-        text = f"{tell.number(at, '.0f')} {unit}"
-        parts.append(_text((place(at, 0)[0], 10 + TALL + 17), text, "barname"))
-    for share in (1, -1):
-        text = f"{tell.number(share * reach, '+.2g')} px"
-        y = place(low, share * reach)[1] + 4
-        parts.append(_text((EDGE + WIDE / 2, y), text, "barname"))
-    return chart(parts, WIDE + 2 * EDGE, TALL + 34)
-
-
-def longest_mean(films: Mapping[str, Figures]) -> float:
-    """The longest mean residual of all photos, pixels: one scale for all plots."""
-    lengths = [
-        hypot(*cell)
-        for film in films.values()
-        for line in film["mean_px"]
-        for cell in line
-        if None not in cell
-    ]
-    return max(lengths, default=0.0)
-
-
-def draw_film(film: Figures, longest_px: float) -> Markup:
-    """Mean residuals of one photo as arrows over its film."""
-    lines = film["mean_px"]
-    cell = FILM / len(lines)
-    scale = 2 * LONGEST * cell / max(longest_px, 1e-9)
-    parts = [_rect((0.5, 0.5), FILM, FILM, "film")]
-    for row, line in enumerate(lines):
-        for column, (across, down) in enumerate(line):
-            if across is None or down is None:
-                continue
-            x, y = (column + 0.5) * cell, (row + 0.5) * cell
-            end = (x + across * scale, y + down * scale)
-            parts.append(_line((x, y), end, "vector controlline"))
-            parts.append(_dot((x, y), "filmdot", 1.3))
-    return chart(parts, FILM + 1, FILM + 1)

@@ -10,7 +10,8 @@ import rasterio
 import shapely
 
 from app.report.accuracy import histogram
-from app.report.drawing import draw_histogram, draw_misfit
+from app.report.drawing import draw_misfit
+from app.report.plots import draw_histogram
 from core.geometry.robust import robust_sigma
 from core.mosaic.misfit_places import SURE, Misfit, MisfitPlace
 from core.mosaic.seam_fit import SeamFit

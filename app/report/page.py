@@ -27,21 +27,24 @@ from rasterio.enums import Resampling
 from app.report.checked import readings_told
 from app.report.drawing import (
     PICTURE,
-    draw_bars,
     draw_coverage,
-    draw_film,
-    draw_histogram,
     draw_map,
     draw_map_again,
     draw_mosaic,
     draw_mosaic_again,
-    draw_reliability,
     draw_symbols,
-    draw_trend,
-    longest_mean,
 )
 from app.report.model import ReportContent, gather
 from app.report.mosaic import misfit_shown
+from app.report.plots import (
+    PALETTE,
+    draw_bars,
+    draw_film,
+    draw_histogram,
+    draw_reliability,
+    draw_trend,
+    longest_mean,
+)
 from app.report.wording import (
     WORST,
     beyond_told,
@@ -165,6 +168,7 @@ def render(
         **readings_told(figures["checked"], tell),
         **misfit_shown(figures, tell),
         short=short_names([row["scan"] for row in figures["exterior"]]),
+        **_plots(figures, tell),
         **_map_drawn(figures["map"], tell),
         symbols=draw_symbols(tell),
         statuses=status_counts(figures["control"]["by_status"], tell),
@@ -174,21 +178,29 @@ def render(
         decided_kind=lambda kind: tell(f"report.decided.{kind.replace(' ', '-')}"),
         stage_name=lambda name: tell(f"stage.{name}"),
         parameter=lambda name: parameter_told(name, tell),
-        draw_histogram=lambda bars: draw_histogram(bars, tell),
         beyond_told=lambda bars, unit="px": beyond_told(bars, tell, unit),
-        draw_film=draw_film,
-        draw_trend=lambda trend, unit: draw_trend(trend, unit, tell),
-        longest_px=longest_mean(figures["residuals"]["films"]),
         film_places=film_places(figures["interior"]),
         worst=WORST,
-        rays=draw_bars(figures["ties"]["points_by_rays"], tell),
-        reliability=draw_reliability(figures["reliability"]["bins"], tell),
         draw_coverage=draw_coverage,
         ortho=ortho_jpeg,
         **(_mosaic_drawn(mosaic, mosaic_jpeg, tell) if mosaic else {}),
         longest=LONGEST_TABLE,
         least=STANDARD_LEAST,
     )
+
+
+def _plots(figures: Figures, tell: Teller) -> dict[str, Any]:
+    """What is plotted, in the language, and what plots the rest."""
+    longest_px = longest_mean(figures["residuals"]["films"])
+    return {
+        "palette": PALETTE,
+        "longest_px": longest_px,
+        "draw_film": lambda film: draw_film(film, longest_px, tell),
+        "draw_histogram": lambda bars: draw_histogram(bars, tell),
+        "draw_trend": lambda trend, unit: draw_trend(trend, unit, tell),
+        "rays": draw_bars(figures["ties"]["points_by_rays"], tell),
+        "reliability": draw_reliability(figures["reliability"]["bins"], tell),
+    }
 
 
 def _map_drawn(drawn: Figures, tell: Teller) -> dict[str, Any]:

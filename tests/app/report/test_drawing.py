@@ -3,18 +3,12 @@
 from pathlib import Path
 from xml.etree import ElementTree
 
-import pytest
-
 import app.report.drawing as drawing
 from app.report.drawing import (
-    draw_bars,
     draw_coverage,
-    draw_film,
-    draw_histogram,
     draw_map,
     draw_mosaic,
     draw_symbols,
-    longest_mean,
 )
 from ui.words.catalogue import Teller
 
@@ -37,13 +31,6 @@ def test_the_map_is_one_drawing__law(written):
     assert enlarged is None or enlarged > 0
 
 
-def test_bars_are_as_high_as_their_numbers__truth():
-    drawing = str(draw_bars({"2": 10, "3": 30}, TELL))
-    bars = [part for part in ElementTree.fromstring(drawing).iter() if part.tag.endswith("rect")]
-    heights = [float(bar.get("height")) for bar in bars]
-    assert heights[-1] == pytest.approx(3 * heights[-2], rel=0.02)
-
-
 def test_coverage_and_seams_are_drawn__law(written):
     assert parts_of(draw_coverage(written[1]["coverage"][0]))[0] == "svg"
     mosaic = {**written[1]["mosaic"], "holes": [{"area_m2": 900.0, "east": 0.0, "north": 0.0}]}
@@ -62,27 +49,3 @@ def test_the_legend_shows_what_the_map_draws__truth(written):
     for symbol in symbols.values():
         (shape,) = ElementTree.fromstring(str(symbol))
         assert on_map[shape.get("class")] == shape.tag
-
-
-def test_a_histogram_is_as_high_as_its_counts__truth():
-    counts = [1, 5, 20, 5, 1]
-    told = {"counts": counts, "count": 32, "rms_px": 0.5, "reach_px": 2.0}
-    bars = [
-        float(part.get("height"))
-        for part in ElementTree.fromstring(str(draw_histogram(told, TELL))).iter()
-        if part.tag == "rect"
-    ]
-    assert [bar / max(bars) for bar in bars] == pytest.approx([n / 20 for n in counts], abs=0.01)
-
-
-def test_arrows_of_a_film_have_one_scale_for_all_photos__truth(written):
-    films = written[1]["residuals"]["films"]
-    longest = longest_mean(films)
-    assert longest > 0
-    lengths = []
-    for film in films.values():
-        for part in ElementTree.fromstring(str(draw_film(film, longest))).iter():
-            if part.tag == "line":
-                ends = [float(part.get(name)) for name in ("x1", "x2", "y1", "y2")]
-                lengths.append(((ends[1] - ends[0]) ** 2 + (ends[3] - ends[2]) ** 2) ** 0.5)
-    assert max(lengths) == pytest.approx(2 * 0.45 * 118 / 6, abs=0.2)
