@@ -25,11 +25,17 @@ export function nextTheme() {
 }
 
 /** @param {string} wanted */
+const meant = (wanted) => (wanted !== "system" ? wanted : light.matches ? "light" : "dark");
+
+/** @param {string} wanted */
 function show(wanted) {
-  const theme = wanted !== "system" ? wanted : light.matches ? "light" : "dark";
+  const theme = meant(wanted);
   document.documentElement.dataset.theme = theme;
   const button = first("[data-act=theme]");
   button.replaceChildren(glyph("theme", "currentColor", 15),
     word(`theme.${after(wanted)}`));
   byId("scene").contentDocument?.documentElement?.setAttribute("data-theme", theme);
 }
+
+// At once; words for its button come later.
+document.documentElement.dataset.theme = meant(chosen());
