@@ -46,10 +46,12 @@ IN_SIGHT = """names => names.every(name => {
 })"""
 SCROLLED = """[...document.querySelectorAll("body, body *")]
   .filter(e => e.id !== "table" && (e.scrollTop > 0 || e.scrollLeft > 0)).map(e => e.id)"""
-LONG = """said => {
+LONG = """([said, some, write]) => {
+  for (const id of ["points-open", "results-open"]) document.getElementById(id).hidden = false;
+  document.getElementById("remake-start").textContent = write;
   document.getElementById("name").textContent = "synthetic-1938-seed1";
   document.getElementById("stale").textContent = said;
-  document.getElementById("stale").classList.add("some");
+  document.getElementById("stale").classList.toggle("some", some);
 }"""
 DECIDES = ["#panes", "#off", "#why", "#trial", "#asked", "#acts"]
 
@@ -66,9 +68,12 @@ def test_nothing_is_cut_off_at_any_width__law(sit, language):
     page.keyboard.press("t")  # Its slider needs room as well.
     page.wait_for_selector("#rate")
     # As long as they usually become: a block's name, and that results are stale.
-    page.evaluate(LONG, words(language)["remake.unwritten"])
+    said = words(language)
     for width, height in SIZES:
         page.set_viewport_size({"width": width, "height": height})
+        page.evaluate(LONG, [said["remake.fresh"], False, said["remake"]])
+        assert page.evaluate(CUT_OFF) == [], (width, "current")
+        page.evaluate(LONG, [said["remake.unwritten"], True, said["remake.write"]])
         for mode in ("side", "swipe", "blend"):
             page.click(f'[data-mode="{mode}"]')
             page.wait_for_timeout(80)
