@@ -189,6 +189,12 @@ def fiducials_of(table: Table, side_mm: float) -> dict[str, tuple[float, float]]
     if len(fiducials) == 1:
         remedy = "Give two or more, or leave them all out."
         raise table.error(key, "one mark alone says nothing of scale and rotation.", remedy)
+    # Marks lie at the rim; in centimetres all would lie in the middle, and none be found.
+    if fiducials and max(abs(value) for place in fiducials.values() for value in place) < (
+        side_mm / 4
+    ):
+        remedy = "Write millimetres from the fiducial centre, x right, y up."
+        raise table.error(key, "all marks lie in the middle of the picture.", remedy)
     return fiducials
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from core.block import HAND_SIGMA_PX, Measurement, Peak, Reading
+from core.said import say
 from sessions.decisions import Place, Recorded
 
 SAME_PLACE_PX = 2.0
@@ -38,7 +39,11 @@ def placed(proposed: Measurement | None, decision: Place, recorded: Recorded) ->
     sigma = mean_sigma_px(together) if decision.sigma_px is None else decision.sigma_px
     peaks = () if proposed is None else tuple(p for p in proposed.peaks if p.operator != "operator")
     who = ", ".join(one.operator for one in together)
-    reason = f"placed by {who}" if decision.seen else f"accepted with others by {who}"
+    reason = (
+        say("placed by {who}", who=who)
+        if decision.seen
+        else say("accepted with others by {who}", who=who)
+    )
     return Measurement(
         decision.point_id,
         decision.photo_id,

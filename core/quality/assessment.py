@@ -120,14 +120,14 @@ def assess_block(report: AdjustmentReport, footprints: Footprints | None = None)
         used = {n: p for n, p in report.block.photos.items() if p.oriented}
         footprints = {name: footprint(photo, cameras(name)) for name, photo in used.items()}
     taking_part = rays_taking_part(report)
-    overlaps = _overlaps(report.block, footprints, taking_part)
+    counts_of = ray_counts_of(report)
+    overlaps = _overlaps(report.block, footprints, taking_part, counts_of.strip)
     rays = used_rays(report)
     photos = tuple(
         _photo(report, name, overlaps, rays[name], footprints) for name in report.block.photos
     )
     pattern, counts, _ = mean_pattern(report.block, rays)
     plan, heights = known_names(report)
-    counts_of = ray_counts_of(report)
     side = _side_m(report.block)
     return BlockQuality(
         photos=tuple(sorted(photos, key=lambda one: -_badness(one))),
@@ -183,7 +183,9 @@ def _crab_deg(block: Block, name: str, overlaps: tuple[Overlap, ...]) -> float:
     return float(abs((apart + 45.0) % 90.0 - 45.0))
 
 
-def _overlaps(block: Block, footprints: Footprints, taking_part: np.ndarray) -> tuple[Overlap, ...]:
+def _overlaps(
+    block: Block, footprints: Footprints, taking_part: np.ndarray, strip: Mapping[str, int]
+) -> tuple[Overlap, ...]:
     """All pairs whose footprints share more than a twentieth."""
     ties = block.ties
     shown = {
@@ -202,7 +204,7 @@ def _overlaps(block: Block, footprints: Footprints, taking_part: np.ndarray) -> 
         # design: a twentieth is no overlap that is flown for.
         if i < j and share > 0.05:
             pairs.append((names[i], names[j], share))
-    directions = _directions(block, pairs)
+    directions = _directions(block, pairs, strip)
     return tuple(
         Overlap(
             first,
@@ -215,14 +217,16 @@ def _overlaps(block: Block, footprints: Footprints, taking_part: np.ndarray) -> 
     )
 
 
-def _directions(block: Block, pairs: list[tuple[str, str, float]]) -> dict[str, np.ndarray]:
-    """Unit vector from each photo to the one it overlaps most: the direction of its strip."""
-    best: dict[str, tuple[float, str]] = {}
+def _directions(
+    block: Block, pairs: list[tuple[str, str, float]], strip: Mapping[str, int]
+) -> dict[str, np.ndarray]:
+    """Unit vector from each photo to the one of its strip, or else of any, it overlaps most."""
+    best: dict[str, tuple[bool, float, str]] = {}
     for first, second, share in pairs:
+        together = first in strip and strip.get(first) == strip.get(second)
         for one, other in ((first, second), (second, first)):
-            if share > best.get(one, (0.0, ""))[0]:
-                best[one] = share, other
-    return {one: _unit(block, one, other) for one, (_, other) in best.items()}
+            best[one] = max(best.get(one, (False, 0.0, "")), (together, share, other))
+    return {one: _unit(block, one, other) for one, (*_, other) in best.items()}
 
 
 def _along(

@@ -159,6 +159,8 @@ def test_enter_on_a_draft_that_is_kept_does_not_refine_the_next_point__law(page:
 def test_a_notice_in_a_sheet_outlives_what_is_drawn_anew_and_the_sheet__law(page: Any) -> None:
     """It lay in the sheet that was drawn anew; from then on every notice was an error."""
     page.keyboard.press("b")
+    page.select_option("#quality #sign-verdict", "accept-with-remarks")
+    page.fill("#quality #sign-remark", "small holes")
     page.click("#quality #sign")
     page.wait_for_selector("#quality .notice")
     page.wait_for_selector("#quality .signature")

@@ -187,6 +187,10 @@ REFUSED: dict[str, tuple[Spoil, tuple[str, ...]]] = {
         lambda copy: copy.setting("frame_mm", "[18.0, 18.0]"),
         ("block.toml:", "[camera.archive] fiducials_mm", "far outside", "Write millimetres"),
     ),
+    "fiducials in centimetres": (
+        lambda copy: copy.setting("frame_mm", "[1800.0, 1800.0]"),
+        ("block.toml:", "[camera.archive] fiducials_mm", "in the middle", "Write millimetres"),
+    ),
     "nothing says where": (
         nothing_known,
         ("scans/", "Nothing says where", "Give a world file, a footprint"),

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from core.quality.assessment import assess_block
 from core.quality.check_plan import CheckPlace
 from core.quality.readings import PlanFigures, ReadingFigures, judge_rules
-from core.quality.rules import Finding
+from core.quality.rules import Finding, judge_block
 from sessions.checks import (
     StandingPlan,
     checked_figures,
@@ -40,6 +41,8 @@ USUAL_PIXEL_M = 0.5
 ASIDE = 0.2
 """The middle of a view lies up to this share of its width beside the place: nobody reads the
 difference of two middles."""
+UNFIT = 2
+"""Gravity of a finding with which a block is not good enough."""
 
 
 def decided_judgement(
@@ -56,7 +59,11 @@ def decided_judgement(
         return (), Notice("notice.sign-stale", grave=True)
     if gesture.verdict != "accept" and not gesture.remark:
         return (), Notice("notice.sign-remark")
-    judged = judged_parts(desk.recorded, desk.state.report, desk.mosaic_version)
+    report = desk.state.report
+    gravest, *_ = judge_block(assess_block(report), report, desk.state.holes)
+    if gesture.verdict == "accept" and gravest.grave == UNFIT and not gesture.remark:
+        return (), Notice("notice.sign-unfit", grave=True)
+    judged = judged_parts(desk.recorded, report, desk.mosaic_version)
     return (SignBlock(gesture.verdict, gesture.remark, judged),), Notice("notice.signed")
 
 

@@ -100,7 +100,7 @@ def desk() -> DeskSnapshot:
 def test_a_signature_is_of_all_that_was_judged_and_says_when_that_changed__law(
     desk: DeskSnapshot,
 ) -> None:
-    (signed,), notice = decided_judgement(BlockSigned("s", "accept", ""), desk)
+    (signed,), notice = decided_judgement(BlockSigned("s", "accept", "seen"), desk)
     assert isinstance(signed, SignBlock)
     assert notice is not None
     kept = replace(desk, recorded=[Recorded(1, "2026-01-01T10:00", "ada", signed)])
@@ -121,6 +121,7 @@ def test_nobody_signs_what_does_not_stand__law(desk: DeskSnapshot) -> None:
         (BlockSigned("s", "accept", ""), busy),
         (BlockSigned("s", "accept", ""), stale),
         (BlockSigned("s", "accept", ""), replace(desk, mosaic_version="")),
+        (BlockSigned("s", "accept", ""), desk),  # not good enough
         (BlockSigned("s", "reject", ""), desk),
         (BlockSigned("s", "accept-with-remarks", ""), desk),
     ):

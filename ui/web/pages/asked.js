@@ -1,6 +1,6 @@
 // What the desk asks or says above the buttons that decide: a draft to keep or drop, the reason of
 // a rejection, or how a point is placed.
-import { byId, element, number, renew, shortName, stateGlyph, word } from "./words.js";
+import { byId, element, number, renew, shortName, shortPoint, stateGlyph, word } from "./words.js";
 import { send } from "./wire.js";
 
 const REASON_MS = 6000; // design: time to read five reasons; after it digits mean nothing
@@ -72,7 +72,8 @@ function showReasons(explaining) {
     element("p", { title: explaining.map((key) => key.join(" \u00b7 ")).join("\n") },
       stateGlyph("rejected", 13), explaining.length > 1
         ? word("reason.ask.many", { count: explaining.length })
-        : word("reason.ask", { scan: shortName(explaining[0][1]) })), ...choices);
+        : word("reason.ask", {
+          point: shortPoint(explaining[0][0]), scan: shortName(explaining[0][1]) })), ...choices);
 }
 
 /** @param {Point} point */

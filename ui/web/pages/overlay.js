@@ -129,8 +129,11 @@ export function scaleBar(context, [width, height], scale, pixel) {
   const times = scale * pixel;
   // However far it is zoomed out, one figure tells how far.
   const digits = Math.max(1, Math.ceil(-Math.log10(times)));
-  const words = `${roundNumber(metres, "m")}  \u00b7  ${number(times, digits)}\u00d7`;
   context.font = "12px Inter, sans-serif";
-  const from = Math.min(left, right - context.measureText(words).width);
-  text(context, words, [from, bottom - 8], "#ffffff");
+  const wide = (/** @type {string} */ words) => context.measureText(words).width;
+  const [length, zoom] = [roundNumber(metres, "m"), `${number(times, digits)}\u00d7`];
+  // The length over the middle of its bar, and how far it is zoomed in beside it.
+  const from = Math.min((left + right - wide(length)) / 2, right - wide(length));
+  text(context, length, [from, bottom - 8], "#ffffff");
+  text(context, zoom, [Math.min(left, from) - 12 - wide(zoom), bottom - 8], "#ffffff");
 }

@@ -140,7 +140,7 @@ function showFigures(figures) {
   put("redundancy", [redundancy === null ? "\u2013"
     : span(number(redundancy, 2), unchecked ? "worse" : "")], unchecked ? word("unchecked") : "");
   put("place", [`${numbers(figures.place, 1)} px`]);
-  put("surveyed", [`${surveyed.map((value) => number(value, 1)).join("  ")} m`]);
+  put("surveyed", [`${numbers(surveyed, 1)} m`]);
   put("source", [word(`source.${figures.source}`),
     span(` \u00b1${number(sigma[0], 2)} \u00b1${number(sigma[2], 2)} m`, "faint")]);
 }
@@ -263,7 +263,7 @@ function showOthers(point) {
     const place = `${east}/${north}/${pixel.toFixed(4)}?e=${start.edition}`;
     const said = hidden ? word("other.hidden") : word(`state.${state}.long`);
     const figure = state === "proposed" ? number(score && 100 * score, 0, "%")
-      : state === "predicted" || hidden ? "" : number(misfit, 1);
+      : state === "predicted" || hidden ? "" : number(misfit, 2, "px");
     const src = `/tiles/point/${encodeURIComponent(photo)}/${version}/${place}`;
     const select = () => send({ kind: "select", key: [name, photo] });
     const button = element("button",

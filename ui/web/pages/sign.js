@@ -3,7 +3,7 @@ import { between, element, moment, number, start, word } from "./words.js";
 import { send } from "./wire.js";
 
 const VERDICTS = ["accept", "accept-with-remarks", "reject"];
-const state = { verdict: VERDICTS[0], remark: "" };
+const state = { verdict: "", remark: "" };
 
 /** @param {string} name @param {(Node | string)[]} children */
 const part = (name, ...children) => element("section",
@@ -26,7 +26,9 @@ export function signing({ signatures }) {
   const select = element("select", { id: "sign-verdict", "aria-label": word("sign.verdict"),
     disabled: start.guest, onchange: (/** @type {Event} */ event) => {
       state.verdict = /** @type {HTMLSelectElement} */ (event.target).value;
-    } }, ...VERDICTS.map((verdict) => element("option",
+      sign.disabled = start.guest || !state.verdict;
+    } }, element("option", { value: "", disabled: true, selected: !state.verdict },
+    word("sign.choose")), ...VERDICTS.map((verdict) => element("option",
     { value: verdict, selected: verdict === state.verdict },
     word(`accepted.${verdict}`))));
   const remark = element("input", { id: "sign-remark", value: state.remark, maxlength: 2000,
@@ -34,7 +36,7 @@ export function signing({ signatures }) {
     oninput: (/** @type {Event} */ event) => {
       state.remark = /** @type {HTMLInputElement} */ (event.target).value;
     } });
-  const sign = element("button", { id: "sign", disabled: start.guest,
+  const sign = element("button", { id: "sign", disabled: start.guest || !state.verdict,
     onclick: () => send({ kind: "sign", verdict: state.verdict, remark: state.remark }) },
   word("sign"));
   return part("sign.title", ...(lines.length ? lines
