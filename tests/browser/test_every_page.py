@@ -96,6 +96,8 @@ def unseen_or_unreached(page) -> list[str]:
         reached |= {index} if seen else set()
         if len(reached) == len(controls):
             break
+    if page.evaluate("window.controls.some(e => !e.isConnected)"):
+        return unseen_or_unreached(page)  # Drawn anew meanwhile, with what the server sent.
     return [name for index, (_, _, name) in enumerate(controls) if index not in reached]
 
 
