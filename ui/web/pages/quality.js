@@ -92,11 +92,13 @@ function head({ sigma, mp, checks }) {
 
 /**
  * Goes on in the queue: a measurement among others of its state, or all of a photo, kind or place.
- * @param {{ state?: string, photo?: string, role?: string, area?: Pair[], key?: Key }} aim
+ * @param {{ state?: string, photo?: string, role?: string, area?: Pair[], key?: Key,
+ *   worst?: boolean }} aim `worst`: those furthest off are shown first
  */
-function goTo({ state: among = "all", photo = "", role = "", area = [], key }) {
+function goTo({ state: among = "all", photo = "", role = "", area = [], key, worst = false }) {
   byId("quality").close();
   send({ kind: "filter", state: among, photo, role, area });
+  if (worst) send({ kind: "sort", column: "misfit", descending: true });
   if (key) send({ kind: "select", key });
 }
 
@@ -140,13 +142,14 @@ const toReadings = () => {
 const LEADS = {
   holes: ({ east, north }) => inMosaic([Number(east), Number(north)]),
   "faults-open": () => inMosaic(),
-  "contradicted-more": () => goTo({ state: "disputed" }),
+  "contradicted-more": () => goTo({ state: "disputed", worst: true }),
   "along-small": toOverlaps, "across-small": toOverlaps,
   "rays-few": toRays, "no-ties": toRays,
   "control-few": toControl, "control-gaps": toControl, "control-on-a-line": toControl,
   "inside-few-plan": toControl, "inside-few-heights": toControl,
   systematic: () => scrollTo("[data-map=pattern]"),
-  "class-large": (values) => goTo({ role: CLASS_ROLES[values.class] ?? "" }),
+  "class-large": (values) =>
+    goTo({ state: "open", role: CLASS_ROLES[values.class] ?? "", worst: true }),
   "one-check": toChecks, "checks-few": toChecks, "checks-better": toChecks,
   "checks-worse": toChecks, "checks-over": toChecks,
   "no-checks": toReadings, "read-few": toReadings, "read-over": toReadings,
