@@ -8,7 +8,16 @@ import numpy as np
 from core.block import Measurement
 from core.geometry.interior import InteriorOrientation
 from core.scans.fiducials import HAND_SIGMA_PX
-from sessions.decisions import Place, PlaceFiducial, Recorded
+from sessions.decisions import (
+    MarkDubious,
+    MarkNotVisible,
+    PhotoDecision,
+    Place,
+    PlaceFiducial,
+    Recorded,
+    Reject,
+    standing,
+)
 from sessions.replay import replay
 from sessions.scan_decisions import mark_changes, with_changes
 from ui.review.misfit import Misfit, misfits
@@ -35,9 +44,25 @@ def draft_ratio(state: DeskState, draft: Draft) -> float:
     return misfit.ratio if misfit else 0.0
 
 
-def is_to_be_asked(state: DeskState, seat: Seat, draft: Draft) -> bool:
-    """True for a draft that contradicts the block and was not accepted once already."""
-    return seat.asking != draft and draft_ratio(state, draft) > ASKING_SIGMA
+def is_to_be_asked(
+    state: DeskState, seat: Seat, draft: Draft, recorded: Sequence[Recorded]
+) -> bool:
+    """True for a draft that contradicts block or colleague and was not accepted once already."""
+    if seat.asking == draft:
+        return False
+    if opponent_of(draft.key, seat.operator, recorded):
+        return True
+    return draft_ratio(state, draft) > ASKING_SIGMA
+
+
+def opponent_of(key: Key, operator: str, recorded: Sequence[Recorded]) -> str:
+    """Who else took a measurement out of use, if that is what was decided last; else nobody."""
+    for item in reversed(standing(recorded)):
+        said = item.decision
+        if isinstance(said, PhotoDecision) and (said.point_id, said.photo_id) == key:
+            refused = isinstance(said, Reject | MarkDubious | MarkNotVisible)
+            return item.who if refused and item.who != operator else ""
+    return ""
 
 
 def lies_against(state: DeskState, misfits: Mapping[Key, Misfit], key: Key) -> bool:

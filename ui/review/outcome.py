@@ -176,7 +176,7 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
         return Outcome(seat, notice=notice)
     extra, begins = key in desk.state.extra.measurements, seat.begun.get(key[0])
     draft = seat.draft_of(key) if verdict == "accept" else None
-    if draft and is_to_be_asked(desk.state, seat, draft):
+    if draft and is_to_be_asked(desk.state, seat, draft, desk.recorded):
         return Outcome(replace(seat, asking=draft))
     stands = not draft and standing_verdict(measurement) == verdict
     here = key == seat.current
@@ -218,7 +218,7 @@ def _judge_together(gesture: JudgedTogether, seat: Seat, desk: DeskSnapshot) -> 
     notice, looked_at, moved = None, seat.current, False
     for key in sorted(gesture.keys, key=lambda key: seat.order.index(key)):
         draft = seat.draft_of(key) if gesture.verdict == "accept" else None
-        if draft and is_to_be_asked(desk.state, seat, draft):
+        if draft and is_to_be_asked(desk.state, seat, draft, desk.recorded):
             notice = Notice("notice.still-drafts")
             continue
         if gesture.verdict == "accept" and not draft and _lies_against(key, desk):

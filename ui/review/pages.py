@@ -6,6 +6,7 @@ from functools import cache
 from sessions.remarks import fault_findings, standing_faults
 from ui.review.board import board_drafts_part, board_part
 from ui.review.checking import read_figures, seat_checks, signatures_part
+from ui.review.drafts import opponent_of
 from ui.review.drawing import mask_part
 from ui.review.history import history_of
 from ui.review.mosaic import mosaic_part
@@ -198,6 +199,7 @@ def seat_point(seat: Seat, desk: DeskSnapshot) -> Part:
         desk.dem,
         None if blind and draft is None else desk.trials.get(draft or key),
         history_of(key, desk.recorded, desk.state.extra),
+        opponent_of(key, seat.operator, desk.recorded),
         desk.table.by_point.get(key[0], ()),
     )
     return point_part(state, seat, rows, pictured)

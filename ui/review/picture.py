@@ -160,6 +160,8 @@ class Pictured:
     """What turning the current measurement would do, once that is known."""
     history: Sequence[Part] = ()
     """What was decided about it."""
+    opponent: str = ""
+    """Who else took it out of use last."""
     beside: Sequence[Key] = ()
     """The same point in every scan, the current one among them."""
 
@@ -199,6 +201,7 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
         else {
             **_draft(overlay_of(shown, drawn, pictured.dem, key)),
             "asking": seat.asking == draft,
+            "opponent": pictured.opponent,
         },
         "figures": figures,
         "why": [[ground.text, _value_of(ground.text, ground.value)] for ground in grounds],

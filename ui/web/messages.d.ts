@@ -150,7 +150,7 @@ interface Point {
   /** Pixels of the raw scan, and its pixels per metre east and north. */
   raw: { predicted: Pair; measured: Pair; peaks: Pair[]; matrix: number[][] };
   /** A place not decided yet: metres, pixels of the raw scan, and whether it is asked about. */
-  draft: { place: Pair; raw: Pair; asking: boolean } | null;
+  draft: { place: Pair; raw: Pair; asking: boolean; opponent: string } | null;
   figures: Figures;
   why: [word: string, value: string][];
   peaks: { score: number | null; operator: string; away: number }[];

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sessions.decisions import ChoosePeak, Place
+from sessions.decisions import ChoosePeak, Place, Recorded, Reject, Withdraw
 from tests.ui.desk_block import tiny_block, tiny_snapshot
 from ui.review.drafts import ASKING_SIGMA, apply_draft, by_hand, draft_ratio, is_to_be_asked
 from ui.review.state import DeskState, Draft, Seat
@@ -23,10 +23,23 @@ def test_the_further_from_its_expected_place_the_more_sigma__law(state):
     ratios = [draft_ratio(state, draft) for draft in drafts]
     assert np.all(np.diff(ratios[1:]) > 0)
     seat = Seat("seat-1", "anna")
-    asked = [is_to_be_asked(state, seat, draft) for draft in drafts]
+    asked = [is_to_be_asked(state, seat, draft, ()) for draft in drafts]
     assert asked == [ratio > ASKING_SIGMA for ratio in ratios]
     assert asked[-1]
-    assert not is_to_be_asked(state, replace(seat, asking=drafts[-1]), drafts[-1])
+    assert not is_to_be_asked(state, replace(seat, asking=drafts[-1]), drafts[-1], ())
+
+
+def test_a_draft_over_what_a_colleague_took_out_of_use_is_asked_about__law(state):
+    key = next(k for k in state.block.measurements if k not in tiny_block().blunders)
+    pixel = state.block.measurements[key].pixel[0]
+    draft, seat = Draft(key, Place(*key, *map(float, pixel))), Seat("seat-1", "anna")
+    out = Recorded(1, "t", "bob", Reject(*key, "changed"))
+    placed = Recorded(2, "t", "bob", draft.decision)
+    assert is_to_be_asked(state, seat, draft, [out])
+    assert not is_to_be_asked(state, replace(seat, asking=draft), draft, [out])
+    for said in ([], [replace(out, who="anna")], [out, placed], [out, replace(out, decision_id=2,
+                 decision=Withdraw(1))]):  # fmt: skip
+        assert not is_to_be_asked(state, seat, draft, said)
 
 
 def test_a_place_by_hand_has_no_score_but_a_peak_and_a_refined_one_have__truth(state):

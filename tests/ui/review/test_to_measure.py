@@ -125,8 +125,8 @@ def test_a_place_outside_of_the_ellipse_is_asked_about__law(desk, seat):
     reach = 10 * np.sqrt(np.trace(expected.covariance)) + 10
     far = Place(*seat.current, expected.column + reach, expected.row)
     near = replace(far, column=expected.column + 0.3)
-    assert is_to_be_asked(desk.state, seat, Draft(seat.current, far))
-    assert not is_to_be_asked(desk.state, seat, Draft(seat.current, near))
+    assert is_to_be_asked(desk.state, seat, Draft(seat.current, far), ())
+    assert not is_to_be_asked(desk.state, seat, Draft(seat.current, near), ())
 
 
 def test_proposals_are_accepted_one_by_one_or_all_at_once__law(desk, seat):

@@ -84,7 +84,10 @@ function showDraft({ key, draft, figures, trial }) {
   };
   const [plain, moved] = draft?.asking ? ["draft.against", "draft.against.moved"]
     : ["draft", "draft.moved"];
-  const said = figures.ratio === null ? word("draft.alone") : word(trial ? moved : plain, values);
+  const measured = figures.ratio === null ? word("draft.alone")
+    : word(trial ? moved : plain, values);
+  const who = draft?.asking && draft.opponent;
+  const said = who ? `${word("draft.opposed", { who })} ${measured}` : measured;
   const act = (/** @type {string} */ name, /** @type {string} */ cap,
     /** @type {() => void} */ onclick) =>
     element("button", { class: "small", onclick }, word(name), element("kbd", {}, cap));
