@@ -88,7 +88,7 @@ SENTENCES = {
     "faults-open": "Faults marked in the mosaic: {count}; still open: {open}.",
     "no-holes": "The mosaic has no holes inside it.",
     "holes": "Holes inside the mosaic: {count}, {area} m² together; the largest ({largest} m²) is "
-    "about E {east} N {north}. No photo shows the ground there.",
+    "about E {east} N {north}. No photo shows the ground there, or only a part that is left out.",
     "read": "Places of the plan that were read: {read} of {planned} (not identifiable: "
     "{unreadable}).",
     "read-few": "Places of the plan that were read: {read} of {planned} (not identifiable: "

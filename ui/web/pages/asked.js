@@ -77,13 +77,14 @@ function showReasons(explaining) {
 }
 
 /** @param {Point} point */
-function showDraft({ key, draft, figures, trial }) {
+function showDraft({ key, draft, figures, role, trial }) {
   const values = {
     sigma: number(figures.ratio, (figures.ratio ?? 0) < 10 ? 1 : 0),
     shift: trial && number(trial.shift, 2), scan: trial && shortName(trial.photo),
   };
-  const [plain, moved] = draft?.asking ? ["draft.against", "draft.against.moved"]
-    : ["draft", "draft.moved"];
+  // A check point moves nothing.
+  const still = role === "check" ? "draft.against" : "draft.against.wait";
+  const [plain, moved] = draft?.asking ? [still, "draft.against.moved"] : ["draft", "draft.moved"];
   const measured = figures.ratio === null ? word("draft.alone")
     : word(trial ? moved : plain, values);
   const who = draft?.asking && draft.opponent;

@@ -115,7 +115,8 @@ function table(films, rolls, one, again) {
     };
     const cells = [
       number(film.scale_x, 0), number(film.scale_y, 0), number(film.shear, 3), number(film.rms, 1),
-      number(film.rms_plain, 1), number(film.redundancy, 0), number(film.chance, 3),
+      number(film.rms_plain, 1), number(film.redundancy, 0),
+      (film.chance ?? 1) < 0.001 ? `< ${number(0.001, 3)}` : number(film.chance, 3),
     ];
     return element("tr",
       { class: film === one ? "on" : "", "data-film": film.photo, onclick: choose },

@@ -1,5 +1,6 @@
 // The sheet of keys and marks, those of the other sheets too.
-import { byId, element, first, glyph, keyName, start, stateGlyph, tip, word } from "./words.js";
+import { byId, element, first, glyph, keyName, sheetHead, start, stateGlyph, tip, word }
+  from "./words.js";
 
 /** @type {State[]} */
 const STATES = ["auto", "accepted", "dubious", "rejected", "unused"];
@@ -26,10 +27,7 @@ export function toggleHelp() {
     first("[data-act=tour]").click();
   };
   dialog.replaceChildren(
-    element("header", {}, element("h2", {}, word("help.title")),
-      element("span", { class: "stretch" }), element("button", { onclick: tour }, word("tour")),
-      element("button", { id: "help-close", autofocus: true, onclick: () => dialog.close() },
-        word("act.close"))),
+    sheetHead(dialog, "help.title", element("button", { onclick: tour }, word("tour"))),
     element("div", { class: "marks-key" }, ...looks, ...marks),
     element("div", { class: "two" }, element("table", {}, ...lines.slice(0, half)),
       element("table", {}, ...lines.slice(half))),

@@ -51,10 +51,15 @@ export function grow(part = state.under) {
 
 /** @param {string} part */
 export function growTo(part) {
-  const { grown } = byId("desk").dataset;
-  if (grown === part) return;
-  if (grown) grow(grown);
+  if (byId("desk").dataset.grown === part) return;
+  showAllParts();
   grow(part);
+}
+
+/** No part has the window for itself. */
+export function showAllParts() {
+  const { grown } = byId("desk").dataset;
+  if (grown) grow(grown);
 }
 
 /** What is not needed to decide is shown, or folded away. */

@@ -1,5 +1,5 @@
 // Surveyed points of the operator: a list looked at before it comes in, or one point typed.
-import { again, byId, element, renew, start, svg, word } from "./words.js";
+import { again, byId, element, renew, sheetHead, start, svg, word } from "./words.js";
 
 const QUANTITIES = [
   "", "id", "X", "Y", "Z", "sigma_X", "sigma_Y", "sigma_Z", "sigma_xy", "role", "description",
@@ -89,14 +89,13 @@ function choose(/** @type {string} */ about, /** @type {any} */ value) {
 
 function draw() {
   renew(byId("points"),
-    element("h2", {}, word("points")), element("p", {}, word("points.long")),
+    sheetHead(byId("points"), "points"), element("p", {}, word("points.long")),
     chooser(), formatChoice(),
     state.error ? element("p", { class: "bad", role: "alert" }, state.error) : "",
     ...(state.found ? preview(state.found)
       : state.foreign ? [foreignPreview(state.foreign)] : state.data ? [] : [typed()]),
     element("div", { class: "points-acts" }, state.found ? bringButton(state.found)
-      : state.foreign ? bringForeign() : null,
-      element("button", { onclick: () => byId("points").close() }, word("act.close"))));
+      : state.foreign ? bringForeign() : null));
 }
 
 function chooser() {

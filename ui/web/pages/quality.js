@@ -4,10 +4,10 @@ import {
 } from "./words.js";
 import { openBoard } from "./board.js";
 import { openChecks } from "./checks.js";
-import { growTo } from "./layout.js";
+import { growTo, showAllParts } from "./layout.js";
 import { mosaicButton, openMosaic } from "./mosaic.js";
 import { fewer, keptOut } from "./status.js";
-import { readings, ruled, signing } from "./sign.js";
+import { findingSaid, readings, ruled, signing } from "./sign.js";
 import { send } from "./wire.js";
 
 const WORST_TIES = 10; // design: so many can be gone through
@@ -97,6 +97,7 @@ function head({ sigma, mp, checks }) {
  */
 function goTo({ state: among = "all", photo = "", role = "", area = [], key, worst = false }) {
   byId("quality").close();
+  showAllParts();
   send({ kind: "filter", state: among, photo, role, area });
   if (worst) send({ kind: "sort", column: "misfit", descending: true });
   if (key) send({ kind: "select", key });
@@ -160,10 +161,7 @@ const LEADS = {
 /** @param {Quality} found */
 function verdict({ verdict: gravest, findings, photos: flown }) {
   const lines = findings.map(([text, grave, values]) => {
-    const { worst, photo, class: of } = values;
-    const name = of ? word(`class.${of}`) : worst ? shortName(worst) : "";
-    const shown = { ...values, ...(name ? { worst: name } : {}),
-      ...(photo ? { photo: shortName(photo) } : {}) };
+    const { worst, photo } = values;
     const among = text === "verdict.unchecked" ? "all" : "disputed";
     const key = worst && photo ? /** @type {Key} */ ([worst, photo]) : undefined;
     const aim = key ? { state: among, key }
@@ -173,7 +171,7 @@ function verdict({ verdict: gravest, findings, photos: flown }) {
     const look = (aim || lead) && grave > 0
       ? [element("button", { onclick: open }, word("quality.look"))] : [];
     return element("li", { class: `grave${grave}` },
-      element("b", {}, word(`grave.${grave}`)), word(text, shown), " ", ...look);
+      element("b", {}, word(`grave.${grave}`)), findingSaid(text, values), " ", ...look);
   });
   const words = element("p", { class: `verdict grave${gravest}` }, word(`verdict.${gravest}`));
   const attributes = { class: "quality-part", "data-part": "verdict" };

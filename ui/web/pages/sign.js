@@ -1,5 +1,5 @@
 // Under Block quality: what readings say, the rules of the job, and who vouches for the block.
-import { between, element, moment, number, start, word } from "./words.js";
+import { between, element, moment, number, shortName, start, word } from "./words.js";
 import { send } from "./wire.js";
 
 const VERDICTS = ["accept", "accept-with-remarks", "reject"];
@@ -45,6 +45,17 @@ export function signing({ signatures }) {
   element("p", { class: "muted" }, word("sign.hint")));
 }
 
+/**
+ * A finding in words, with names as short as everywhere on the desk.
+ * @param {string} name @param {Record<string, any>} values
+ */
+export function findingSaid(name, values) {
+  const { worst, photo, class: of } = values;
+  const shortened = of ? word(`class.${of}`) : worst ? shortName(worst) : "";
+  return word(name, { ...values, ...(shortened ? { worst: shortened } : {}),
+    ...(photo ? { photo: shortName(photo) } : {}) });
+}
+
 /** @param {Quality} found */
 export function ruled({ rules }) {
   const heads = ["rule", "result", "found", "source"].map((name) =>
@@ -52,7 +63,7 @@ export function ruled({ rules }) {
   const lines = rules.map(([rule, grave, name, values, source]) => element("tr",
     { "data-rule": rule }, cell(word(`rule.${rule}`)),
     cell(element("b", { class: `grave${grave}` }, word(`grave.${grave}`))),
-    cell(word(name, values), "why"), cell(word(`rules.source.${source}`))));
+    cell(findingSaid(name, values), "why"), cell(word(`rules.source.${source}`))));
   return part("rules", element("table", { class: "rules" }, element("tr", {}, ...heads), ...lines));
 }
 

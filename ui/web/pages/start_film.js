@@ -21,6 +21,8 @@ const state = {
   pane: /** @type {Pane | null} */ (null),
   scans: /** @type {FoundScan[]} */ ([]),
   scan: /** @type {FoundScan | null} */ (null),
+  /** What lies in the folder is known. */
+  looked: false,
   side: "whole",
   /** What was read beside the pictures, by photo. @type {Record<string, MarginField[]>} */
   read: {},
@@ -110,7 +112,7 @@ function lookAt({ corners }) {
 /** @param {FoundScan[]} scans */
 export function showScans(scans) {
   const { scan: before } = state;
-  state.scans = scans;
+  Object.assign(state, { scans, looked: true });
   learnNames(scans.map(({ photo }) => photo));
   const readable = scans.filter(({ size }) => size);
   state.scan = readable.find(({ photo }) => photo === before?.photo) ?? readable[0] ?? null;
@@ -160,7 +162,8 @@ function draw() {
       over.closePath();
     });
   }
-  pane.label.textContent = scan ? scan.file : word("start.noscans");
+  pane.label.textContent = scan ? scan.file
+    : word(state.looked ? "start.noscans" : "wait");
   const thumbs = [...byId("thumbs").querySelectorAll(".thumb")];
   thumbs.forEach((thumb, index) => {
     const { size, photo } = scans[index];

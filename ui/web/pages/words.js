@@ -125,6 +125,15 @@ export function element(tag, attributes = {}, ...children) {
 }
 
 /**
+ * The head of a sheet, in sight however long it is: what it is, and how to leave it.
+ * @param {HTMLDialogElement} sheet @param {string} title @param {Node[]} acts
+ */
+export const sheetHead = (sheet, title, ...acts) => element("header", { class: "sheet-head" },
+  element("h2", {}, word(title)), element("span", { class: "stretch" }), ...acts,
+  element("button", { id: `${sheet.id}-close`, autofocus: true, onclick: () => sheet.close() },
+    word("act.close")));
+
+/**
  * A part of a drawing: text only ever as text.
  * @param {string} tag
  * @param {Record<string, string | number>} attributes
