@@ -55,6 +55,8 @@ UP = np.array([0.0, 0.0, 1.0])
 RING_PARTS = 28
 TIE_PX = 4.0
 """Size of a tie point on the screen, pixels."""
+AT_SHARE = 1e-3
+"""An eye within this share of the block's extent of a place is there."""
 LIFT = 0.006
 """Points and lines float this share of the block's extent above the drape, to stay visible."""
 
@@ -186,7 +188,7 @@ class BlockView:
             cloud.point_size = self._size_of(name)
         self._show_current(self._pointed)
         inside, camera = self._frustum_of(self._options.inside), self._client.camera
-        if inside is not None and not self._flight and np.allclose(camera.position, inside.centre):
+        if inside is not None and not self._flight and self._is_at(inside.centre):
             # The window may have another shape than before.
             self._look(pose_inside(inside, self._picture.level_m, camera.aspect))
         else:
@@ -199,9 +201,13 @@ class BlockView:
 
     def fit_again(self) -> None:
         """Look at the whole block in a window of another shape, if nobody looks elsewhere."""
-        at = self._client.camera.position
-        if self.is_outgrown and self._whole and np.allclose(at, self._whole[0]):
+        if self.is_outgrown and self._whole and self._is_at(self._whole[0]):
             self.fit(None)
+
+    def _is_at(self, place: Position) -> bool:
+        """Whether the eye is where it was sent; a browser tells it in single precision."""
+        near = AT_SHARE * self._stage.extent_m
+        return bool(np.allclose(self._client.camera.position, place, rtol=0.0, atol=near))
 
     def fit(self, pointed: Pointed | None) -> None:
         """Look at the whole block from the south, or at what is current."""
