@@ -36,7 +36,7 @@ STYLE: dict[Any, Any] = {
 UNSAID = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 """What Matplotlib would write about the file: the same figures give the same page."""
 WIDE, SQUARE, FILM = (4.4, 2.1), (3.2, 3.0), (1.25, 1.25)
-"""Width and height of a plot, inches of 96 CSS pixels times 3/4."""
+"""Width and height of a plot, inches; one has 96 CSS pixels."""
 LONGEST = 0.9
 """The longest arrow of all photos, as a share of a cell's side."""
 BAR = 0.92
