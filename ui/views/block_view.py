@@ -55,8 +55,6 @@ UP = np.array([0.0, 0.0, 1.0])
 RING_PARTS = 28
 TIE_PX = 4.0
 """Size of a tie point on the screen, pixels."""
-AT_SHARE = 1e-3
-"""An eye within this share of the block's extent of a place is there."""
 LIFT = 0.006
 """Points and lines float this share of the block's extent above the drape, to stay visible."""
 
@@ -205,9 +203,9 @@ class BlockView:
             self.fit(None)
 
     def _is_at(self, place: Position) -> bool:
-        """Whether the eye is where it was sent; a browser tells it in single precision."""
-        near = AT_SHARE * self._stage.extent_m
-        return bool(np.allclose(self._client.camera.position, place, rtol=0.0, atol=near))
+        """Whether the eye is there, to a pixel: a browser tells it in single precision."""
+        at = self._client.camera.position
+        return bool(np.allclose(at, place, rtol=0.0, atol=self._pixel_m))
 
     def fit(self, pointed: Pointed | None) -> None:
         """Look at the whole block from the south, or at what is current."""
