@@ -176,25 +176,20 @@ def fiducials_of(table: Table, side_mm: float) -> dict[str, tuple[float, float]]
     if not isinstance(given, dict):
         raise table.error(key, "must name each mark.", "Write { 1 = [-84.5, 0.3], ... }.")
     fiducials: dict[str, tuple[float, float]] = {}
+    in_millimetres = "Write millimetres from the fiducial centre, x right, y up."
     for name, value in cast("dict[str, object]", given).items():
         x, y = table.sequence(key, value, 2)
         if max(abs(x), abs(y)) > side_mm:
-            remedy = "Write millimetres from the fiducial centre, x right, y up."
-            raise table.error(
-                key,
-                say("mark {name} lies far outside the picture.", name=name),
-                remedy,
-            )
+            cause = say("mark {name} lies far outside the picture.", name=name)
+            raise table.error(key, cause, in_millimetres)
         fiducials[name] = x, y
     if len(fiducials) == 1:
         remedy = "Give two or more, or leave them all out."
         raise table.error(key, "one mark alone says nothing of scale and rotation.", remedy)
     # Marks lie at the rim; in centimetres all would lie in the middle, and none be found.
-    if fiducials and max(abs(value) for place in fiducials.values() for value in place) < (
-        side_mm / 4
-    ):
-        remedy = "Write millimetres from the fiducial centre, x right, y up."
-        raise table.error(key, "all marks lie in the middle of the picture.", remedy)
+    farthest = max((abs(value) for place in fiducials.values() for value in place), default=side_mm)
+    if farthest < side_mm / 4:
+        raise table.error(key, "all marks lie in the middle of the picture.", in_millimetres)
     return fiducials
 
 
