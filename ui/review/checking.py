@@ -11,8 +11,8 @@ import numpy as np
 
 from core.quality.assessment import assess_block
 from core.quality.check_plan import CheckPlace
-from core.quality.readings import PlanFigures, ReadingFigures, judge_rules
-from core.quality.rules import Finding, judge_block
+from core.quality.readings import PlanFigures, ReadingFigures, judge_rules, reading_findings
+from core.quality.rules import Finding, judge_block, release_limit_m
 from sessions.checks import (
     StandingPlan,
     checked_figures,
@@ -29,7 +29,7 @@ from sessions.decisions import (
     SignBlock,
 )
 from sessions.products import digest_of
-from sessions.remarks import standing_faults
+from sessions.remarks import fault_findings, standing_faults
 from ui.review.check_gestures import CheckRead, Remarked, Reviewed
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Notice
@@ -60,8 +60,14 @@ def decided_judgement(
     if gesture.verdict != "accept" and not gesture.remark:
         return (), Notice("notice.sign-remark")
     report = desk.state.report
-    gravest, *_ = judge_block(assess_block(report), report, desk.state.holes)
-    if gesture.verdict == "accept" and gravest.grave == UNFIT and not gesture.remark:
+    read = read_figures(desk.recorded, desk.mosaic_version)
+    findings = [
+        *judge_block(assess_block(report), report, desk.state.holes),
+        *(() if read is None else reading_findings(read, release_limit_m(report.block))),
+        *fault_findings(standing_faults(desk.recorded)),
+    ]
+    unfit = max(one.grave for one in findings) == UNFIT
+    if gesture.verdict == "accept" and unfit and not gesture.remark:
         return (), Notice("notice.sign-unfit", grave=True)
     judged = judged_parts(desk.recorded, report, desk.mosaic_version)
     return (SignBlock(gesture.verdict, gesture.remark, judged),), Notice("notice.signed")
