@@ -10,6 +10,7 @@ from pathlib import Path
 
 import jaxtyping
 import pytest
+from hypothesis import settings
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -20,6 +21,10 @@ from tests.tiny import Tiny, open_tiny, with_check_points
 REPOSITORY = Path(__file__).resolve().parents[1]
 LONG = {"real", "journeys", "test_every_page", "test_start"}
 CORE = REPOSITORY / "tests" / "core"
+
+# Tests judge results; how long one takes depends on what else the machine does.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

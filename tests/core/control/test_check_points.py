@@ -88,7 +88,7 @@ def wrong_control(block: Block, rng: np.random.Generator) -> Block:
     return replace(block, surveyed=surveyed)
 
 
-@settings(max_examples=6, deadline=None, phases=[Phase.explicit, Phase.generate])
+@settings(max_examples=6, phases=[Phase.explicit, Phase.generate])
 @given(seed=st.integers(0, 10_000), chosen=OPTIONS)
 def test_no_orientation_depends_on_check_points__law(seed, chosen):
     options = AdjustmentOptions(**chosen)

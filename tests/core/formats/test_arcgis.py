@@ -14,7 +14,7 @@ from tests.core.formats.film_block import PRINCIPAL_MM, read_film_block
 from tests.exchanged import RECIPES, Recipe, assert_same_geometry, block_of
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(RECIPES)
 def test_frames_come_back__law(tmp_path_factory: pytest.TempPathFactory, recipe: Recipe) -> None:
     seed, photos, radial, _ = recipe

@@ -47,7 +47,7 @@ def in_utm(block: ExchangeBlock) -> ExchangeBlock:
     return ExchangeBlock("EPSG:32633", block.cameras, photos, points, block.measurements)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(RECIPES)
 def test_cameras_and_control_come_back_from_the_earth__law(
     tmp_path_factory: pytest.TempPathFactory, recipe: Recipe

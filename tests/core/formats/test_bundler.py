@@ -16,7 +16,7 @@ FULL: Recipe = (77, 4, 3, True)
 
 
 @given(RECIPES)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_a_block_comes_back__law(tmp_path_factory: pytest.TempPathFactory, recipe: Recipe) -> None:
     seed, photos, radial, _ = recipe
     block = block_of((seed, photos, min(radial, 2), False), "upright")

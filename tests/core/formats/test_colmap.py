@@ -45,7 +45,7 @@ def reprojected(model: pycolmap.Reconstruction) -> np.ndarray:
 
 
 @given(RECIPES)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_a_block_comes_back__law(tmp_path_factory: pytest.TempPathFactory, recipe: Recipe) -> None:
     block, folder = block_of(recipe, "upright"), tmp_path_factory.mktemp("colmap")
     write_colmap(folder, block)
@@ -58,7 +58,7 @@ def test_a_block_comes_back__law(tmp_path_factory: pytest.TempPathFactory, recip
 
 
 @given(RECIPES)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_pycolmap_projects_ties_where_we_do__oracle(
     tmp_path_factory: pytest.TempPathFactory, recipe: Recipe
 ) -> None:

@@ -23,7 +23,7 @@ triples = st.tuples(place, place, place)
 HEADER = "scan,X,Y,Z,omega_deg,phi_deg,kappa_deg\n"
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(triples, st.none() | st.tuples(angle, angle, angle), st.none() | triples)
 def test_written_and_read__law(
     tmp_path_factory: pytest.TempPathFactory,
@@ -171,7 +171,7 @@ def test_steep_photos_are_told__truth(tmp_path: Path) -> None:
 turns = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-3.1, 3.1))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(triples, turns, st.none() | turns, st.sampled_from(EO_FORMATS))
 def test_every_format_comes_back__law(
     tmp_path_factory: pytest.TempPathFactory, centre, angles, sigma, one

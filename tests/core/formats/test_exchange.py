@@ -45,7 +45,7 @@ GROUND = np.array([[e, n, h] for e in (0, 900, 2100) for n in (-2900, -1400) for
 
 
 @given(NUMBERS)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_opencv_projects_our_frame_camera_where_we_do__oracle(numbers: Numbers) -> None:
     photo, camera = photo_of(numbers)
     ours = pixels_of(GROUND, photo, camera)
@@ -64,7 +64,7 @@ def test_opencv_projects_our_frame_camera_where_we_do__oracle(numbers: Numbers) 
 
 
 @given(NUMBERS)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_frame_camera_comes_back_as_the_same_photo__law(numbers: Numbers) -> None:
     photo, camera = photo_of(numbers)
     matrix, tangential, exterior = from_frame_camera(frame_camera(photo, camera))
@@ -74,7 +74,7 @@ def test_a_frame_camera_comes_back_as_the_same_photo__law(numbers: Numbers) -> N
 
 
 @given(NUMBERS)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_distortion_is_undone__law(numbers: Numbers) -> None:
     _, camera = photo_of(numbers)
     ideal = np.array([[0.0, 0.0], [0.4, -0.3], [-0.5, 0.5]])

@@ -45,7 +45,7 @@ def read_by(one: ExchangeFormat, path: Path) -> ExchangeBlock:
     return one.read(path)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(RECIPES)
 @pytest.mark.parametrize("one", FORMATS, ids=lambda one: one.name)
 def test_every_ray_comes_back__law(
@@ -71,7 +71,7 @@ def test_every_ray_comes_back__law(
     assert max(np.abs(np.subtract(after[key], before[key])).max() for key in before) < 1e-9
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(RECIPES)
 def test_inpho_brings_pixels_back__law(
     tmp_path_factory: pytest.TempPathFactory, recipe: Recipe

@@ -74,7 +74,7 @@ def test_the_better_of_two_candidates_stands__truth(tmp_path: Path) -> None:
     assert "1 candidate of lower quality" in block.notes[0]
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(RECIPES)
 def test_points_and_orientations_come_back__law(
     tmp_path_factory: pytest.TempPathFactory, recipe: Recipe

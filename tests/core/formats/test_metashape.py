@@ -31,7 +31,7 @@ SAMPLES = "exchange-samples/metashape"
 
 
 @given(RECIPES)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_a_block_comes_back__law(tmp_path_factory: pytest.TempPathFactory, recipe: Recipe) -> None:
     crs = ("EPSG:5514", "EPSG:32633", "")[recipe[0] % 3]
     block, folder = block_of(recipe, "frame", crs), tmp_path_factory.mktemp("metashape")
@@ -50,7 +50,7 @@ def test_a_block_comes_back__law(tmp_path_factory: pytest.TempPathFactory, recip
 
 
 @given(RECIPES)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_opk_list_holds_the_same_orientations__law(
     tmp_path_factory: pytest.TempPathFactory, recipe: Recipe
 ) -> None:

@@ -114,7 +114,7 @@ def test_what_micmac_wrote_is_the_same_when_written_again__real(
 
 
 @given(SEEDS)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_a_film_block_comes_back__law(seed: int) -> None:
     block = block_of(seed, film=True)
     with TemporaryDirectory() as folder:
@@ -136,7 +136,7 @@ def test_a_film_block_comes_back__law(seed: int) -> None:
 
 
 @given(SEEDS)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_a_digital_block_comes_back_in_pixels__law(seed: int) -> None:
     block = block_of(seed, film=False)
     with TemporaryDirectory() as folder:

@@ -88,7 +88,7 @@ def test_what_mmvii_wrote_is_the_same_when_written_again__real(
 
 
 @given(SEEDS)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_an_upright_block_comes_back__law(seed: int) -> None:
     block = block_of(seed, film=False)
     with TemporaryDirectory() as folder:

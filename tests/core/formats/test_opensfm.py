@@ -30,7 +30,7 @@ SAMPLES = "exchange-samples/opensfm"
 
 
 @given(RECIPES)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_a_block_comes_back__law(tmp_path_factory: pytest.TempPathFactory, recipe: Recipe) -> None:
     block, folder = block_of(recipe, "upright"), tmp_path_factory.mktemp("opensfm")
     write_opensfm(folder, block)
@@ -174,7 +174,7 @@ def test_a_broken_project_is_refused__truth(tmp_path: Path, name: str) -> None:
 
 
 @given(RECIPES)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_points_and_measurements_come_back__law(
     tmp_path_factory: pytest.TempPathFactory, recipe: Recipe
 ) -> None:

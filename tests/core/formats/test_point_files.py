@@ -46,7 +46,7 @@ def test_metashape_unticks_checks__truth(tmp_path: Path) -> None:
     assert ticked == {n: "1" if p.role == "control" else "0" for n, p in BLOCK.points.items()}
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(RECIPES)
 @pytest.mark.parametrize("write", [write_points, write_metashape_points])
 def test_tables_come_back_to_every_digit__law(

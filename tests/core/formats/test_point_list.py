@@ -140,7 +140,7 @@ def written(
     return "\r\n".join(delimiter.join(row[n] for n in order) for row in rows) + "\r\n"
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(
     points=lists,
     delimiter=st.sampled_from([";", "\t", ","]),
@@ -175,7 +175,7 @@ def test_any_dialect_reads_back_the_same_points__law(
     assert found.points == tuple(points)
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=30, suppress_health_check=list(HealthCheck))
 @given(points=lists, delimiter=st.sampled_from([";", "\t", ",", " "]), numbered=st.booleans())
 def test_a_table_without_names_of_columns_reads_back__law(
     tmp_path: Path, points: list[ListedPoint], delimiter: str, numbered: bool

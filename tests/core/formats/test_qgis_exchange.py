@@ -93,7 +93,7 @@ def test_a_tilted_photo_lies_as_near_as_an_affine_can__truth(tmp_path: Path) -> 
 
 
 @given(SEEDS)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_points_and_measurements_come_back__law(seed: int) -> None:
     block = block_of(seed, film=True)
     if not block.points:

@@ -47,7 +47,7 @@ def test_every_variant_reads_alike__truth(tmp_path: Path, variant: str) -> None:
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.lists(
         st.tuples(

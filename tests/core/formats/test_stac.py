@@ -22,7 +22,7 @@ def items_of(folder: Path) -> list[dict[str, Any]]:
     return [one for one in every if one["type"] == "Feature"]
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(RECIPES)
 def test_photos_come_back_whole__law(
     tmp_path_factory: pytest.TempPathFactory, recipe: Recipe
@@ -41,7 +41,7 @@ def test_photos_come_back_whole__law(
         assert camera.principal_point_mm == block.cameras[name].principal_point_mm
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(RECIPES)
 def test_the_plain_fields_alone_show_the_same__law(
     tmp_path_factory: pytest.TempPathFactory, recipe: Recipe

@@ -42,7 +42,7 @@ def test_origin_is_the_centre_of_the_first_pixel__paper(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(finite, finite, finite, finite, st.floats(-1e7, 1e7), st.floats(-1e7, 1e7))
 def test_written_and_read__law(
     tmp_path_factory: pytest.TempPathFactory,

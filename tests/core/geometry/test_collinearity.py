@@ -57,7 +57,7 @@ def test_kappa_turns_the_camera_counter_clockwise__law():
     np.testing.assert_allclose(film, [[20.0, 0.0]], atol=1e-12)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.floats(-0.1, 0.1),
     st.floats(-0.1, 0.1),
@@ -113,7 +113,7 @@ def test_what_lies_behind_the_camera_has_no_image__law():
     assert np.isfinite(film[1]).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
 def test_angles_and_rotation_are_each_other_s_inverse__law(omega, phi, kappa):
     rotation = rotation_from_angles(omega, phi, kappa)
@@ -144,7 +144,7 @@ def assert_close(ours, numerical):
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_film_is_that_of_the_collinearity_equations__law(seed):
     exterior, points = some_photo(seed)
     expected = film_from_object(points, exterior, STRONG, AIR)
@@ -153,7 +153,7 @@ def test_film_is_that_of_the_collinearity_equations__law(seed):
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_centre_and_point_partials_are_differences__law(seed):
     exterior, points = some_photo(seed)
     ours = film_partials(points, exterior, STRONG, AIR).by_centre
@@ -169,7 +169,7 @@ def test_centre_and_point_partials_are_differences__law(seed):
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_rotation_partials_are_differences__law(seed):
     exterior, points = some_photo(seed)
 
@@ -183,7 +183,7 @@ def test_rotation_partials_are_differences__law(seed):
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_camera_partials_are_differences__law(seed):
     exterior, points = some_photo(seed)
     scale = np.array([1.0, 1.0, 1.0, 1e-6, 1e-10])
@@ -213,7 +213,7 @@ def test_points_behind_the_camera_are_nan__law():
 @given(
     omega=st.floats(-1, 1), phi=st.floats(-1, 1), kappa=st.floats(-3, 3), seed=st.integers(0, 999)
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_angle_partials_are_differences__law(omega, phi, kappa, seed):
     rotation = rotation_from_angles(omega, phi, kappa)[None]
     ours = angles_by_increments(rotation)[0]
@@ -224,7 +224,7 @@ def test_angle_partials_are_differences__law(omega, phi, kappa, seed):
 
 
 @given(st.lists(st.floats(-3, 3), min_size=3, max_size=3))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_increments_give_rotations__law(vector):
     rotation = rotations_from_increments(np.array([vector]))[0]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)

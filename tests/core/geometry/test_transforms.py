@@ -30,7 +30,7 @@ def similar(angle: float, scale: float, mirrored: bool = False) -> np.ndarray:
     return np.array([[c, -sign * s, -743000.0], [s, sign * c, -1043000.0]])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(-3.14, 3.14), st.floats(0.01, 100), st.booleans())
 def test_similarity_comes_back__truth(angle: float, scale: float, mirrored: bool) -> None:
     matrix = similar(angle, scale, mirrored)
@@ -44,7 +44,7 @@ def test_similarity_comes_back__truth(angle: float, scale: float, mirrored: bool
     assert np.cos(found - angle) == pytest.approx(1.0)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(number, number, number, number, number, number)
 def test_there_and_back__law(a: float, b: float, c: float, d: float, e: float, f: float) -> None:
     matrix = np.array([[a + 2e4, b, c], [d, e - 3e4, f]])

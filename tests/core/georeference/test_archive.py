@@ -61,7 +61,7 @@ def angle_apart(one: float, other: float) -> float:
     return float(abs(np.angle(np.exp(1j * (one - other)))))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(-3.1, 3.1), st.floats(1500, 6000))
 def test_world_file_of_a_vertical_photo__law(kappa: float, height: float) -> None:
     true = ExteriorOrientation(np.array([-580000.0, -1190000.0, height]), 0.0, 0.0, kappa)

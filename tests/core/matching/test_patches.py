@@ -159,7 +159,7 @@ def test_cells_stand_in_their_order__law():
         assert (part == number).all()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(-500, 500), st.integers(-500, 500), st.integers(1, 8))
 def test_window_and_scan_pixels_lead_to_each_other__law(column, row, reduction):
     window = Window(column, row, 10, 10, reduction)

@@ -25,7 +25,7 @@ from core.matching.peaks import (
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 10_000), st.integers(1, 6), st.integers(0, 3))
 def test_no_two_peaks_are_closer_than_said_and_none_is_near_the_rim__law(seed, apart, flatness):
     """Whatever the scores, plateaus of rounded values included."""

@@ -106,7 +106,7 @@ PLACE = st.tuples(st.floats(-30, 230), st.floats(-30, 230))
 
 
 @given(st.lists(PLACE, min_size=2, max_size=7), st.sampled_from(["ab", "ac", "bd", "ad"]))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_whatever_is_drawn_seams_stay_a_partition__law(
     places: list[tuple[float, float]], names: str
 ) -> None:

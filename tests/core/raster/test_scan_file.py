@@ -36,7 +36,7 @@ def scan_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.integers(-40, 320), st.integers(-40, 240), st.integers(1, 90), st.integers(1, 90),
     st.integers(1, 5), st.sampled_from(["nan", "edge"]),

@@ -203,7 +203,7 @@ def degrees_by_hand(lines) -> dict[tuple[float, float], int]:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_degrees_agree_with_brute_force__oracle(seed):
     rng = np.random.default_rng(seed)
     lines = []
@@ -222,7 +222,7 @@ def test_degrees_agree_with_brute_force__oracle(seed):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_the_graph_does_not_hang_on_the_order_of_lines__law(seed):
     rng = np.random.default_rng(seed)
     lines = [rng.uniform(100, 900, (int(rng.integers(2, 5)), 2)) for _ in range(15)]

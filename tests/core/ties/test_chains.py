@@ -20,7 +20,7 @@ def graphs(draw):
     ).reshape(-1, 2)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(graphs())
 def test_no_point_has_two_places_in_a_photo__law(graph):
     owner, edges = graph
@@ -30,7 +30,7 @@ def test_no_point_has_two_places_in_a_photo__law(graph):
         assert len(np.unique(photos)) == len(photos)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(graphs())
 def test_points_hang_together_and_only_conflicts_part_them__law(graph):
     owner, edges = graph

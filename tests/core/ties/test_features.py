@@ -95,7 +95,7 @@ def test_an_empty_scan_has_no_features__truth(tmp_path):
     assert len(detect_features(scan).pixels) == 0
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.tuples(st.integers(0, 5), st.floats(0, 1)), max_size=60), st.integers(1, 6))
 def test_each_cell_keeps_its_strongest__law(entries, quota):
     cells = np.array([cell for cell, _ in entries], dtype=np.int64)
