@@ -9,13 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from core.quality.assessment import assess_block
 from core.quality.check_plan import CheckPlace
-from core.quality.readings import PlanFigures, ReadingFigures, judge_rules, reading_findings
-from core.quality.rules import Finding, judge_block, release_limit_m
+from core.quality.readings import PlanFigures, ReadingFigures, judge_rules
+from core.quality.rules import Finding
 from sessions.checks import (
     StandingPlan,
-    checked_figures,
     judged_parts,
     readings_of,
     standing_plans,
@@ -29,8 +27,9 @@ from sessions.decisions import (
     SignBlock,
 )
 from sessions.products import digest_of
-from sessions.remarks import fault_findings, standing_faults
+from sessions.remarks import standing_faults
 from ui.review.check_gestures import CheckRead, Remarked, Reviewed
+from ui.review.judgement import judge_desk
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Notice
 
@@ -59,17 +58,10 @@ def decided_judgement(
         return (), Notice("notice.sign-stale", grave=True)
     if gesture.verdict != "accept" and not gesture.remark:
         return (), Notice("notice.sign-remark")
-    report = desk.state.report
-    read = read_figures(desk.recorded, desk.mosaic_version)
-    findings = [
-        *judge_block(assess_block(report), report, desk.state.holes),
-        *(() if read is None else reading_findings(read, release_limit_m(report.block))),
-        *fault_findings(standing_faults(desk.recorded)),
-    ]
-    unfit = max(one.grave for one in findings) == UNFIT
+    unfit = judge_desk(desk).findings[0].grave == UNFIT
     if gesture.verdict == "accept" and unfit and not gesture.remark:
         return (), Notice("notice.sign-unfit", grave=True)
-    judged = judged_parts(desk.recorded, report, desk.mosaic_version)
+    judged = judged_parts(desk.recorded, desk.state.report, desk.mosaic_version)
     return (SignBlock(gesture.verdict, gesture.remark, judged),), Notice("notice.signed")
 
 
@@ -214,12 +206,6 @@ def _own(known: tuple[Recorded, ReadCheck] | None, version: str) -> Part:
 def _chance(*names: str) -> np.random.Generator:
     """Random numbers that are the same for the same names."""
     return np.random.default_rng(int(digest_of(*names)[:16], 16))
-
-
-def read_figures(recorded: Sequence[Recorded], version: str) -> ReadingFigures | None:
-    """Figures of the readings of the newest plan; None without a plan."""
-    plans = standing_plans(recorded)
-    return checked_figures(recorded, plans[-1], version) if plans else None
 
 
 def signatures_part(desk: DeskSnapshot) -> list[Part]:

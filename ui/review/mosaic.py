@@ -25,8 +25,8 @@ from core.mosaic.seams import Seam
 from sessions.decisions import standing
 from ui.review.checking import faults_part
 from ui.review.history import subject_of
+from ui.review.judgement import footprint_polygons
 from ui.review.looks import short
-from ui.review.quality import footprint_polygons
 from ui.review.queue import passes, with_filter
 from ui.review.sight import photos_over
 from ui.review.snapshot import DeskSnapshot

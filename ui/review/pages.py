@@ -3,12 +3,12 @@
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 
-from sessions.remarks import fault_findings, standing_faults
 from ui.review.board import board_drafts_part, board_part
-from ui.review.checking import read_figures, seat_checks, signatures_part
+from ui.review.checking import seat_checks, signatures_part
 from ui.review.drafts import opponent_of
 from ui.review.drawing import mask_part
 from ui.review.history import history_of
+from ui.review.judgement import judge_desk
 from ui.review.mosaic import mosaic_part
 from ui.review.picture import (
     Part,
@@ -176,10 +176,7 @@ def _sheet_parts(
 
 def seat_quality(seat: Seat, desk: DeskSnapshot) -> Part:
     """The block's quality, what readings say of it, and who has signed it."""
-    read = read_figures(desk.recorded, desk.mosaic_version)
-    faults = fault_findings(standing_faults(desk.recorded))
-    told = quality_part(desk.state, desk.outlines, desk.adjustments, seat.pair, read, faults)
-    assert isinstance(told, dict), "there is always something to say of a block"
+    told = quality_part(judge_desk(desk), desk.state, desk.adjustments, seat.pair)
     return {**told, "signatures": signatures_part(desk)}
 
 

@@ -1,18 +1,16 @@
 """The view of a block's quality, as values a page can draw and print."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import shapely
 
-from core.quality.assessment import BlockQuality, assess_block
-from core.quality.readings import ReadingFigures, reading_findings
-from core.quality.rules import Finding, judge_block, release_limit_m
+from core.quality.assessment import BlockQuality
 from ui.review.checking import figures_told, rules_part
 from ui.review.history import AdjustmentRecord, record_line, shifts_m
+from ui.review.judgement import BlockJudgement
 from ui.review.picture import Part, checks_told, position_error_m
-from ui.review.scene import EDGE_PARTS, Segments
 from ui.review.state import DeskState
 
 TIES_DRAWN = 2500
@@ -21,25 +19,18 @@ PAIRS_TOLD = 80
 
 
 def quality_part(
+    judged: BlockJudgement,
     state: DeskState,
-    outlines: Segments,
     adjustments: tuple[AdjustmentRecord, ...],
     pair: tuple[int, int] | None = None,
-    read: ReadingFigures | None = None,
-    faults: Sequence[Finding] = (),
-) -> Part:
-    """Everything the view shows; outlines are the footprints in the local frame."""
-    report = state.report
-    polygons = footprint_polygons(state, outlines)
-    found = assess_block(report, polygons)
-    more = () if read is None else reading_findings(read, release_limit_m(report.block))
-    judged = *more, *faults, *judge_block(found, report, state.holes)
-    findings = sorted(judged, key=lambda one: -one.grave)
+) -> dict[str, Any]:
+    """Everything the view shows, but for the signatures."""
+    report, found, findings = state.report, judged.measured, judged.findings
     return {
-        "verdict": max((f.grave for f in findings), default=0),
+        "verdict": findings[0].grave,
         "findings": [[f"verdict.{f.kind}", f.grave, dict(f.values)] for f in findings],
         "rules": rules_part(findings),
-        "read": None if read is None else figures_told(read),
+        "read": None if judged.read is None else figures_told(judged.read),
         "sigma": _number(report.sigma_nought, 3),
         "mp": _number(position_error_m(report), 3),
         "checks": checks_told(report),
@@ -52,24 +43,10 @@ def quality_part(
         ],
         "pattern_counts": found.pattern_counts.tolist(),
         "control_cells": found.control_cells.tolist(),
-        "map": _map(state, polygons),
+        "map": _map(state, judged.polygons),
         "milestones": [record_line(one) for one in adjustments],
         "compared": _compared(adjustments, pair),
     }
-
-
-def footprint_polygons(state: DeskState, outlines: Segments) -> dict[str, shapely.Polygon]:
-    """Footprints as polygons in the local frame; each photo has the same number of segments."""
-    each, found = 4 * EDGE_PARTS, dict[str, shapely.Polygon]()
-    for number, name in enumerate(state.oriented.photos):
-        ring = outlines[number * each : (number + 1) * each, 0, :2]
-        if len(ring) == each and np.isfinite(ring).all():
-            polygon = shapely.Polygon(ring + state.block.origin[:2])
-            hull = polygon.convex_hull
-            if not polygon.is_valid and isinstance(hull, shapely.Polygon):
-                polygon = hull
-            found[name] = polygon
-    return found
 
 
 def _photos(found: BlockQuality) -> list[dict[str, Any]]:
@@ -91,7 +68,7 @@ def _overlaps(found: BlockQuality) -> list[list[Any]]:
     ]
 
 
-def _map(state: DeskState, polygons: dict[str, shapely.Polygon]) -> dict[str, Any]:
+def _map(state: DeskState, polygons: Mapping[str, shapely.Polygon]) -> dict[str, Any]:
     """Places in metres from the block's origin: outlines, control, checks, ties with sigma.
 
     Origin, and the bounds whose nine parts control is counted in, are of the block's CRS. A control

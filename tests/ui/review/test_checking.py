@@ -18,10 +18,10 @@ from ui.review.checking import (
     decided_judgement,
     decided_reading,
     faults_part,
-    read_figures,
     rules_part,
     signatures_part,
 )
+from ui.review.judgement import read_figures
 from ui.review.snapshot import DeskSnapshot
 
 PLACES = tuple(CheckPlace(f"{n:02d}", 100.0 * n, 50.0 * n, 0.04 * (n == 3)) for n in range(1, 9))

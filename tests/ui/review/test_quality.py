@@ -8,9 +8,18 @@ import shapely
 
 from core.quality.assessment import assess_block
 from core.quality.rules import judge_block
-from tests.ui.desk_block import FLYING_HEIGHT_M, FRAME_MM, adjust, outlines, tiny_block
+from tests.ui.desk_block import (
+    FLYING_HEIGHT_M,
+    FRAME_MM,
+    adjust,
+    outlines,
+    tiny_block,
+    tiny_snapshot,
+)
 from ui.review.compare import made_with
-from ui.review.quality import footprint_polygons, quality_part
+from ui.review.judgement import footprint_polygons, judge_desk
+from ui.review.quality import quality_part
+from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState
 from ui.words.catalogue import words
 
@@ -19,6 +28,12 @@ from ui.words.catalogue import words
 def state() -> DeskState:
     report = adjust(tiny_block().block)
     return DeskState(tiny_block().block, report, made=made_with(report.block))
+
+
+@pytest.fixture(scope="module")
+def desk() -> DeskSnapshot:
+    desk = tiny_snapshot()
+    return replace(desk, outlines=outlines(desk.state))
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +78,8 @@ def test_the_verdict_names_what_is_missing__truth(state, polygons):
     assert judge_block(assess_block(bare, polygons), bare)[0].grave == 2
 
 
-def test_every_sentence_of_the_view_has_words__law(state):
-    part = quality_part(state, outlines(state), ())
+def test_every_sentence_of_the_view_has_words__law(desk):
+    part = quality_part(judge_desk(desk), desk.state, ())
     for text, grave, values in part["findings"]:
         assert words()[text].format(**values)
         assert f"grave.{grave}" in words()

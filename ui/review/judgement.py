@@ -1,0 +1,67 @@
+"""What is found of the block on the desk: the sheet shows it, and a signature goes by it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from core.quality.assessment import BlockQuality, assess_block
+from core.quality.readings import ReadingFigures, reading_findings
+from core.quality.rules import Finding, judge_block, release_limit_m
+from sessions.checks import checked_figures, standing_plans
+from sessions.decisions import Recorded
+from sessions.remarks import fault_findings, standing_faults
+from ui.review.scene import EDGE_PARTS, Segments
+from ui.review.snapshot import DeskSnapshot
+from ui.review.state import DeskState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockJudgement:
+    """The block as it is judged."""
+
+    polygons: Mapping[str, shapely.Polygon]
+    """Footprints on the terrain, block's CRS."""
+    measured: BlockQuality
+    """What the rules judge."""
+    read: ReadingFigures | None
+    """Readings of the newest plan; None without a plan."""
+    findings: tuple[Finding, ...]
+    """Gravest first."""
+
+
+def judge_desk(desk: DeskSnapshot) -> BlockJudgement:
+    """Judge the block by its adjustment, its holes, what was read of its mosaic, and its faults."""
+    report = desk.state.report
+    polygons = footprint_polygons(desk.state, desk.outlines)
+    measured = assess_block(report, polygons)
+    read = read_figures(desk.recorded, desk.mosaic_version)
+    found = (
+        *(() if read is None else reading_findings(read, release_limit_m(report.block))),
+        *fault_findings(standing_faults(desk.recorded)),
+        *judge_block(measured, report, desk.state.holes),
+    )
+    return BlockJudgement(
+        polygons, measured, read, tuple(sorted(found, key=lambda one: -one.grave))
+    )
+
+
+def read_figures(recorded: Sequence[Recorded], version: str) -> ReadingFigures | None:
+    """Figures of the readings of the newest plan; None without a plan."""
+    plans = standing_plans(recorded)
+    return checked_figures(recorded, plans[-1], version) if plans else None
+
+
+def footprint_polygons(state: DeskState, outlines: Segments) -> dict[str, shapely.Polygon]:
+    """Footprints as polygons in the local frame; each photo has the same number of segments."""
+    each, found = 4 * EDGE_PARTS, dict[str, shapely.Polygon]()
+    for number, name in enumerate(state.oriented.photos):
+        ring = outlines[number * each : (number + 1) * each, 0, :2]
+        if len(ring) == each and np.isfinite(ring).all():
+            polygon = shapely.Polygon(ring + state.block.origin[:2])
+            hull = polygon.convex_hull
+            if not polygon.is_valid and isinstance(hull, shapely.Polygon):
+                polygon = hull
+            found[name] = polygon
+    return found
