@@ -56,9 +56,11 @@ from app.report.wording import (
     fine,
     parameter_told,
     refused_told,
+    stands_for,
     status_counts,
 )
 from core.quality.check_points import STANDARD_LEAST
+from core.quality.rules import MANY_AGAINST
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
 from core.said import Said
@@ -307,7 +309,8 @@ REQUIREMENTS = (
         "report.want.against", "report.limit.none",
         {
             **_either("report.value.against", "contradicted", "contradicted-far"),
-            "contradicted-check": "report.value.against", "agreed": "report.value.agreed",
+            **_either("report.value.against", "contradicted-check", MANY_AGAINST),
+            "agreed": "report.value.agreed",
         },
     ),
     _Requirement(
@@ -382,8 +385,8 @@ def requirements(figures: Figures, tell: Teller) -> list[Figures]:
             continue
         first = told[0]
         value = tell(wanted.values[first["kind"]], **first)
-        if len(told) > 1:
-            value = tell("report.value.more", value=value, more=len(told) - 1)
+        if more := sum(stands_for(one) for one in told[1:]):
+            value = tell("report.value.more", value=value, more=more)
         limit = tell(wanted.limit, **first)
         rows.append(_row(tell, wanted.name, value, limit, first["grave"]))
     return rows

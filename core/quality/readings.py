@@ -18,7 +18,7 @@ from scipy.special import chdtri, stdtr
 
 from core.geometry.robust import robust_sigma
 from core.quality.check_points import SPREAD_LEAST, STANDARD_LEAST, TAILS
-from core.quality.rules import DOUBTFUL, POOR, SOUND, Finding
+from core.quality.rules import DOUBTFUL, MANY_AGAINST, POOR, SOUND, Finding
 
 PlaneShifts = Float64[np.ndarray, "n 2"]
 """Product minus reference (easting, northing), metres."""
@@ -229,7 +229,11 @@ RULES: tuple[Rule, ...] = (
         ),
         ASPRS,
     ),
-    Rule("against", ("contradicted", "contradicted-far", "contradicted-check", "agreed"), GRUBER),
+    Rule(
+        "against",
+        ("contradicted", "contradicted-far", "contradicted-check", MANY_AGAINST, "agreed"),
+        GRUBER,
+    ),
     Rule("sigma", ("sigma", "sigma-off", "sigma-far", "diverged"), GRUBER),
     Rule("oriented", ("oriented", "loose"), GRUBER),
     Rule("control", ("control", "control-gaps", "control-few", "control-on-a-line"), INSTRUCTION),
@@ -475,5 +479,6 @@ def judge_rules(findings: Sequence[Finding]) -> tuple[JudgedRule, ...]:
             (one for one in findings if one.kind in rule.kinds), key=lambda one: -one.grave
         )
         if about:
-            judged.append(JudgedRule(rule, about[0], sum(one.grave > 0 for one in about[1:])))
+            more = sum(one.stands_for for one in about[1:] if one.grave)
+            judged.append(JudgedRule(rule, about[0], more))
     return tuple(judged)

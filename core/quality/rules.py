@@ -69,6 +69,8 @@ NAMED = 10
 SOUND, DOUBTFUL, POOR = 0, 1, 2
 GRAVITY = (0.0, 0.5, 0.9)  # design: a doubt is open to the operator; a poor block is to be mended.
 """Gravity of a doubt by how grave the finding is."""
+MANY_AGAINST = "contradicted-more"
+"""Accepted measurements against the block that are counted, not named."""
 HOLDING_BACK = (
     "diverged", "sigma-far", "loose", "control-few", "contradicted-far", "checks-over",
     "read-over",
@@ -86,6 +88,11 @@ class Finding:
     """0 sound, 1 doubtful, 2 not good enough."""
     values: Mapping[str, str] = field(default_factory=dict[str, str])
     """What stands in its places."""
+
+    @property
+    def stands_for(self) -> int:
+        """So many findings it is."""
+        return int(self.values["count"]) if self.kind == MANY_AGAINST else 1
 
     @property
     def sentence(self) -> Said:
@@ -231,7 +238,7 @@ def human_findings(report: AdjustmentReport) -> list[Finding]:
     rest = [one.metres for one in against if one not in named]
     if rest:
         told = {"count": str(len(rest)), "metres": f"{max(rest):.1f}"}
-        findings.append(Finding("contradicted-more", DOUBTFUL, told))
+        findings.append(Finding(MANY_AGAINST, DOUBTFUL, told))
     return findings
 
 

@@ -174,6 +174,67 @@ def test_a_notice_in_a_sheet_outlives_what_is_drawn_anew_and_the_sheet__law(page
     page.wait_for_selector("body > #notices > .notice")
 
 
+def test_nothing_is_chosen_once_it_is_signed__law(page: Any) -> None:
+    page.keyboard.press("b")
+    page.select_option("#quality #sign-verdict", "accept-with-remarks")
+    page.click("#quality #sign")
+    page.wait_for_selector("#quality .notice")
+    # What was refused stays chosen: the remark is missing.
+    assert page.input_value("#quality #sign-verdict") == "accept-with-remarks"
+    page.fill("#quality #sign-remark", "small holes")
+    page.click("#quality #sign")
+    page.wait_for_selector("#quality .signature")
+    assert page.input_value("#quality #sign-verdict") == ""
+    assert page.input_value("#quality #sign-remark") == ""
+    assert page.is_disabled("#quality #sign")
+
+
+DECIDED = """() => {
+  const rows = gruber.parts.rows.map(row => row.with(3, row[3] === "auto" ? "accepted" : row[3]));
+  const { quality } = gruber.parts;
+  const told = { "rows/count": rows.length };
+  for (let at = 0; at < rows.length; at += 50) told[`rows/${at / 50}`] = rows.slice(at, at + 50);
+  const control = { class: "control_image", worst: "control", ratio: "2.1" };
+  const far = { worst: rows[0][0], photo: rows[0][1], metres: "1", pixels: "9", test: "9",
+    shift: "1", limit: "1", most: "1", more: "3" };
+  told.quality = { ...quality, findings: [["verdict.class-large", 1, control],
+    ["verdict.bare", 1, { count: "1", worst: "no such photo" }]],
+    rules: [["against", 1, "verdict.contradicted", far, "gruber"]] };
+  window.wire.onmessage({ data: JSON.stringify(told) });
+}"""
+"""All is decided; a class is worse than stated, and of four disputed points the worst is told."""
+
+
+def test_what_the_sheet_leads_to_is_never_an_empty_queue__law(overheard: Any) -> None:
+    page = overheard
+    show(page, "quality")
+    page.evaluate(DECIDED)
+    assert page.locator("#quality [data-part=verdict] li button").count() == 1
+    page.click("#quality [data-part=verdict] li button")
+    page.wait_for_selector("#quality", state="hidden")
+    page.wait_for_function("gruber.parts.queue.filter.role === 'control'")
+    queue = page.evaluate("[gruber.parts.queue.filter.state, gruber.parts.queue.sort.column]")
+    assert queue == ["all", "misfit"]
+    assert not page.is_visible("#queue-empty")
+
+
+def test_a_rule_tells_how_many_more_there_are_and_leads_to_all__law(overheard: Any) -> None:
+    page = overheard
+    show(page, "quality")
+    page.evaluate(DECIDED)
+    assert "Further findings: 3." in page.inner_text("[data-rule=against]")
+    page.evaluate(
+        """() => {
+          const row = gruber.parts.rows[0].with(8, 1.2);
+          const rows = [row, ...gruber.parts.rows.slice(1, 50)];
+          window.wire.onmessage({ data: JSON.stringify({ "rows/0": rows }) });
+        }"""
+    )
+    page.click("[data-rule=against] button")
+    page.wait_for_function("gruber.parts.queue.filter.state === 'disputed'")
+    assert page.evaluate("gruber.parts.queue.sort.column") == "misfit"
+
+
 def test_a_remark_is_typed_on_while_the_block_is_adjusted__law(overheard: Any) -> None:
     page = overheard
     show(page, "quality")

@@ -197,12 +197,37 @@ def test_quality_leads_from_parts_bars_and_doubts__truth(sit):
     shown = page.evaluate("new Set(gruber.areaShown().places.map(String)).size")
     assert shown >= counts[held]
     page.keyboard.press("b")
-    page.locator('#quality [data-part="rays"] button.link').first.click()
+    bar = page.locator('#quality [data-part="rays"] button.link').last
+    rays = int(bar.inner_text())
+    bar.click()
     page.wait_for_selector("#desk[data-grown=block]")
     page.wait_for_function("gruber.parts.scene.layers.ties")
+    # Those alone that the bar counts, until Esc.
+    assert page.evaluate("gruber.parts.scene.rays") == rays
+    page.keyboard.press("Escape")
+    page.wait_for_function("!gruber.parts.scene.layers.ties && !gruber.parts.scene.rays")
+    page.wait_for_selector("#desk:not([data-grown])")
     page.keyboard.press("b")
     page.locator("#quality li", has_text="check").locator("button").first.click()
     page.wait_for_selector("#quality", state="hidden")
+
+
+def test_enter_in_the_queue_chooses_a_row_and_drafts_nothing__law(sit):
+    page = sit(scene=False)
+    page.focus("#table")
+    page.keyboard.press("ArrowDown")
+    caught_up(page)
+    shown = current(page)
+    page.keyboard.press("Enter")
+    page.wait_for_timeout(300)
+    caught_up(page)
+    assert current(page) == shown
+    assert page.evaluate("gruber.parts.queue.drafts.length") == 0
+    assert page.locator(".notice").count() == 0
+    # With the focus on the desk it is the desk's.
+    page.evaluate("document.activeElement.blur()")
+    page.keyboard.press("Enter")
+    page.wait_for_function("gruber.parts.queue.drafts.length || document.querySelector('.notice')")
 
 
 def test_a_sort_by_hand_shows_the_top_and_keeps_the_row__law(sit):

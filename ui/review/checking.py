@@ -251,13 +251,16 @@ def _line(item: Recorded, said: Remark) -> Part:
 
 
 def rules_part(findings: Sequence[Finding]) -> list[list[object]]:
-    """Every rule: its name, how grave, the sentence with its values, who asks it."""
+    """Every rule: its name, how grave, the sentence with its values, who asks it.
+
+    `more` is how many further findings there are about it, where there are any.
+    """
     return [
         [
             one.rule.name,
             one.finding.grave,
             f"verdict.{one.finding.kind}",
-            dict(one.finding.values),
+            {**one.finding.values, **({"more": str(one.more)} if one.more else {})},
             one.rule.source,
         ]
         for one in judge_rules(findings)

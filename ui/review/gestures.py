@@ -200,6 +200,8 @@ class LayerSwitched:
     seat_id: str
     layer: str
     shown: bool
+    rays: int = 0
+    """Of tie points only those of so many photos; all of them when 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -363,7 +365,9 @@ def _filtered(seat_id: str, message: Message) -> Gesture:
 def _layer(seat_id: str, message: Message) -> Gesture:
     if message["layer"] not in LAYERS:
         raise ValueError(message["layer"])
-    return LayerSwitched(seat_id, message["layer"], bool(message["shown"]))
+    return LayerSwitched(
+        seat_id, message["layer"], bool(message["shown"]), int(message.get("rays", 0))
+    )
 
 
 def _scaled(seat_id: str, message: Message) -> Gesture:

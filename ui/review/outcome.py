@@ -464,7 +464,8 @@ def _with_scene(
             return _with_photo(seat, seat.scene.photo)
         case LayerSwitched(layer=layer, shown=shown):
             hidden = seat.scene.hidden - {layer} if shown else seat.scene.hidden | {layer}
-            return replace(seat, scene=replace(seat.scene, hidden=hidden))
+            rays = gesture.rays if layer == "ties" else seat.scene.rays
+            return replace(seat, scene=replace(seat.scene, hidden=hidden, rays=rays))
 
 
 def _moved(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Seat:

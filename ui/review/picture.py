@@ -74,6 +74,7 @@ def scene_part(seat: Seat, state: DeskState, away: Mapping[Key, Misfit]) -> Part
     scene = seat.scene
     return {
         "layers": {layer: layer not in scene.hidden for layer in LAYERS},
+        "rays": scene.rays,
         "scale": scene.vector_scale,
         "relief": scene.relief,
         "photo": scene.photo,

@@ -123,6 +123,16 @@ class ScenePicture:
     labels: Mapping[str, Position]
     """Names of the photos, without what all of them share, at their perspective centres."""
 
+    def ties_shown(self, photo_id: str, rays: int) -> Indices:
+        """Numbers of the tie points of a photo with so many rays; of all without one or the other.
+
+        Args:
+            photo_id: Name of the photo; empty for all.
+            rays: Number of rays; 0 for any.
+        """
+        chosen = self.ties.shown_in(photo_id)
+        return chosen[self.rays[chosen] == rays] if rays else chosen
+
 
 def scene_picture(
     state: DeskState,

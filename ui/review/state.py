@@ -104,6 +104,8 @@ class SceneOptions:
     """Residual vectors on screen are this many times as long as on the ground."""
     relief: float = 1.0
     """Heights on screen are this many times as large."""
+    rays: int = 0
+    """Only tie points of so many photos are shown; all of them when 0."""
     photo: str = ""
     """The chosen photo, whose footprint and points stand out; empty without one."""
     inside: str = ""

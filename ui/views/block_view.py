@@ -350,7 +350,7 @@ class BlockView:
             if layer not in hidden:
                 others.append(np.delete(cloud.points, chosen, axis=0))
         self._show_cloud(OTHERS, np.concatenate(others), True)
-        chosen = picture.ties.shown_in(photo)
+        chosen = picture.ties_shown(photo, options.rays)
         if "ties" not in hidden:
             colours = looks.ray_colours(picture.rays[chosen])
             self._show_cloud(TIES, picture.ties.points[chosen], True, colours)

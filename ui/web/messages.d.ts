@@ -288,6 +288,8 @@ interface Placement {
 
 interface SceneSwitches {
   layers: Record<string, boolean>;
+  /** Tie points of so many photos alone; 0 for all. */
+  rays: number;
   scale: number;
   relief: number;
   /** The chosen photo, and the one whose perspective centre the eye is in. */

@@ -12,6 +12,7 @@ from core.adjustment.influence import influence_of
 from core.block import TiePoints
 from core.quality.assessment import assess_block
 from core.quality.check_points import STANDARD_LEAST
+from core.quality.readings import judge_rules
 from core.quality.residuals import displacement
 from core.quality.rules import (
     HOLDING_BACK,
@@ -170,6 +171,9 @@ def test_so_many_disagreements_are_named_and_the_rest_counted__law(block):
     found = judge_block(assess_block(report), report)
     assert [one.kind for one in found].count("contradicted") == NAMED
     assert finding(report, "contradicted-more").values["count"] == "3"
+    # The rule of the job tells the worst, and how many more there are.
+    against = next(one for one in judge_rules(found) if one.rule.name == "against")
+    assert (against.finding.kind, against.more) == ("contradicted", NAMED + 2)
 
 
 def worse(report, times):

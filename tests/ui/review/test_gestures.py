@@ -66,6 +66,10 @@ def test_messages_that_are_not_well_formed_are_no_gestures__law(message):
         ({"kind": "step", "step": -7}, Stepped("s", -1)),
         ({"kind": "answer", "number": 7}, AnswerAsked("s", 7)),
         ({"kind": "layer", "layer": "ties", "shown": 1}, LayerSwitched("s", "ties", True)),
+        (
+            {"kind": "layer", "layer": "ties", "shown": 1, "rays": 4},
+            LayerSwitched("s", "ties", True, 4),
+        ),
         ({"kind": "vectors", "scale": 1e9}, VectorsScaled("s", 1000.0)),
         ({"kind": "relief", "relief": 5}, ReliefRaised("s", 5.0)),
         ({"kind": "enter", "photo": "a"}, PhotoEntered("s", "a")),

@@ -189,6 +189,15 @@ def test_heights_are_drawn_larger_about_the_level_of_the_ground__law(shown):
     assert drape.position[2] + 5 * picture.level_m == pytest.approx(picture.level_m)
 
 
+def test_ties_of_so_many_photos_are_shown_alone__law(shown):
+    view, picture, client = shown
+    for rays in np.unique(picture.rays):
+        view.show(picture, replace(ALL, rays=int(rays)), None)
+        drawn = client.scene.nodes[TIES]
+        assert drawn.visible
+        assert len(drawn.points) == np.count_nonzero(picture.rays == rays)
+
+
 def test_ties_are_coloured_by_their_rays__law(shown):
     _, picture, client = shown
     colours = np.asarray(client.scene.nodes[TIES].colors)

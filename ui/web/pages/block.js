@@ -1,6 +1,7 @@
 // The room of the 3D scene: its layers, the length of vectors, and when it is loaded.
 import { compareState } from "./compare.js";
 import { followEye, showLegend } from "./legend.js";
+import { growTo, showAllParts } from "./layout.js";
 import { setUpSight, showInside } from "./sight.js";
 import { all, byId, element, first, focused, start, turn, word } from "./words.js";
 import { send } from "./wire.js";
@@ -10,7 +11,12 @@ const LAYERS = [
   "checks", "ties", "tie_vectors", "labels",
 ];
 const RELIEFS = [1, 2, 5]; // as `ui/review/state.py` has them
-const state = { layers: /** @type {Record<string, boolean>} */ ({}) };
+const state = {
+  layers: /** @type {Record<string, boolean>} */ ({}),
+  /** Only tie points of so many photos are shown, and whether any were before. */
+  rays: 0,
+  before: false,
+};
 
 const slider = () => /** @type {HTMLInputElement} */ (first("#vectors input"));
 
@@ -39,6 +45,21 @@ export function setUpScene() {
   awaitScene();
 }
 
+/** Tie points of so many photos alone, in the whole window, until Esc. @param {number} rays */
+export function showTies(rays) {
+  if (!state.rays) state.before = state.layers.ties ?? false;
+  send({ kind: "layer", layer: "ties", shown: true, rays });
+  growTo("block");
+}
+
+/** Back to all parts and layers as they were; true where tie points had been asked for. */
+export function leaveTies() {
+  if (!state.rays) return false;
+  send({ kind: "layer", layer: "ties", shown: state.before });
+  showAllParts();
+  return true;
+}
+
 /** The scene is the heaviest to load: first comes the point that is to be looked at. */
 export function openScene(patience = 40) {
   if (patience > 0 && !compareState().drawn.whole) {
@@ -57,7 +78,7 @@ function awaitScene() {
 /** @param {SceneSwitches} scene */
 export function showScene(scene) {
   const { layers, scale, relief } = scene;
-  state.layers = layers;
+  Object.assign(state, { layers, rays: scene.rays });
   for (const button of all("button", byId("layers"))) {
     turn(button, layers[button.dataset.layer ?? ""]);
   }

@@ -30,7 +30,7 @@ import { nextTheme, setUpTheme } from "./theme.js";
 import { startTour, tourIsNew } from "./tour.js";
 import { toggleHelp } from "./help.js";
 import { listenToKeys } from "./keys.js";
-import { openScene, setUpScene, showScene } from "./block.js";
+import { leaveTies, openScene, setUpScene, showScene } from "./block.js";
 import {
   closeSight, drawArea, leavePhoto, showCard, showSight, stopArea, takeArea,
 } from "./sight.js";
@@ -183,13 +183,15 @@ function takeKey(event) {
   const down = event.type === "keydown";
   if (event.key === "Escape" && down && (stopArea() || clearMarked())) return true;
   if (event.key === "Enter" && down && takeArea()) return true;
+  // In the queue it chooses a row, which the arrows have done.
+  if (event.key === "Enter" && byId("table").contains(focused())) return true;
   if (event.key === "Escape" && compareState().adding) {
     switchCompare("adding");
     return true;
   }
   if (event.key === "Escape" && down) {
     finish();
-    inTurn(() => dropDraft() || closeSight() || leavePhoto());
+    inTurn(() => dropDraft() || closeSight() || leavePhoto() || leaveTies());
     return true;
   }
   return pictureKey(event, down) || actKey(event, down, KEYS[letterOf(event)]);

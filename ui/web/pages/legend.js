@@ -65,8 +65,10 @@ export function showLegend(scene) {
     [layers.vectors || layers.tie_vectors, "legend.vectors", () =>
       ["0", ramp(sizes), `\u2265 ${number(top, top < 1 ? 2 : 0, "m")}`]],
     [layers.ellipses, "legend.ellipses", () => [glyph("circle", ellipse, 13)]],
-    [layers.ties, "legend.rays", () => rays.flatMap((colour, i) => [dot(colour),
-      `${i + FEWEST_RAYS}${i === rays.length - 1 ? "+" : ""}`])],
+    [layers.ties, "legend.rays", () => (scene.rays
+      ? [dot(rays[Math.min(scene.rays - FEWEST_RAYS, rays.length - 1)]), `${scene.rays}`]
+      : rays.flatMap((colour, i) => [dot(colour),
+        `${i + FEWEST_RAYS}${i === rays.length - 1 ? "+" : ""}`]))],
     [layers.areas, "legend.areas", () => [glyph("bare", bare, 13)]],
   ]);
   const shown = rows.filter(([on]) => on);

@@ -2,10 +2,12 @@
 import {
   all, byId, element, first, number, renew, shortName, start, svg, tip, word,
 } from "./words.js";
+import { showTies } from "./block.js";
 import { openBoard } from "./board.js";
 import { openChecks } from "./checks.js";
-import { growTo, showAllParts } from "./layout.js";
+import { showAllParts } from "./layout.js";
 import { mosaicButton, openMosaic } from "./mosaic.js";
+import { lets } from "./queue.js";
 import { fewer, keptOut } from "./status.js";
 import { findingSaid, readings, ruled, signing } from "./sign.js";
 import { send } from "./wire.js";
@@ -49,8 +51,9 @@ export function showQuality(found) {
   if (!sheet.open || state.shown === shape) return;
   state.shown = shape;
   const kept = sheet.querySelector(".sheet")?.scrollTop ?? 0;
+  const rules = () => ruled(found, (kind, values) => lookFor(found, kind, values));
   const makes = [
-    verdict, readings, signing, maps, ruled, flight, photos, overlaps, adjustments,
+    verdict, readings, signing, maps, rules, flight, photos, overlaps, adjustments,
   ];
   const parts = makes.map((make) => make(found));
   renew(sheet, head(found), element("div", { class: "sheet" }, ...parts));
@@ -91,22 +94,25 @@ function head({ sigma, mp, checks }) {
 }
 
 /**
- * Goes on in the queue: a measurement among others of its state, or all of a photo, kind or place.
- * @param {{ state?: string, photo?: string, role?: string, area?: Pair[], key?: Key,
- *   worst?: boolean }} aim `worst`: those furthest off are shown first
+ * @typedef {{ state?: string, photo?: string, role?: string, area?: Pair[], key?: Key,
+ *   worst?: boolean }} Aim a measurement among others of its state, or all of a photo, kind or
+ *   place; `worst`: those furthest off are shown first
  */
+
+/** Goes on in the queue; where all of a state is decided, among what is. @param {Aim} aim */
 function goTo({ state: among = "all", photo = "", role = "", area = [], key, worst = false }) {
   byId("quality").close();
   showAllParts();
-  send({ kind: "filter", state: among, photo, role, area });
+  const filter = { photo, role, area, state: among };
+  send({ kind: "filter", ...filter, state: key || lets(filter) ? among : "all" });
   if (worst) send({ kind: "sort", column: "misfit", descending: true });
   if (key) send({ kind: "select", key });
 }
 
-/** @param {string} name of a photo */
-const photoLink = (name) => element("button", {
+/** A photo that the queue has nothing of leads nowhere. @param {string} name */
+const photoLink = (name) => (lets({ photo: name }) ? element("button", {
   class: "link", title: tip("quality.photo.go"), onclick: () => goTo({ photo: name }),
-}, shortName(name));
+}, shortName(name)) : element("span", {}, shortName(name)));
 
 /** To a part of this sheet. @param {string} where */
 function scrollTo(where) {
@@ -122,57 +128,77 @@ function inMosaic(place) {
   openMosaic(place);
 }
 
-function ties3d() {
+/** @param {number} rays */
+function ties3d(rays) {
   byId("quality").close();
-  send({ kind: "layer", layer: "ties", shown: true });
-  growTo("block");
+  showTies(rays);
 }
 
 const toPart = (/** @type {string} */ name) => () => scrollTo(`[data-part=${name}]`);
-const [toControl, toRays, toOverlaps] = ["control", "rays", "overlaps"].map(toPart);
-const toChecks = () => goTo({ role: "check" });
+const [toControl, toRays, toOverlaps, toPhotos] =
+  ["control", "rays", "overlaps", "photos"].map(toPart);
 const toReadings = () => {
   byId("quality").close();
   openChecks(undefined);
 };
 
+const DISPUTED = { state: "disputed", worst: true };
+const CHECKS = { role: "check" };
+/** What the queue has of doubts about many measurements. @type {Record<string, Aim | undefined>} */
+const AIMS = {
+  contradicted: DISPUTED, "contradicted-far": DISPUTED, "contradicted-check": DISPUTED,
+  "contradicted-more": DISPUTED,
+  "one-check": CHECKS, "checks-few": CHECKS, "checks-better": CHECKS, "checks-worse": CHECKS,
+  "checks-over": CHECKS,
+};
 /**
- * Where doubts lead that name neither a measurement nor a photo.
+ * Where doubts lead that the queue has nothing of.
  * @type {Record<string, ((values: Record<string, string>) => void) | undefined>}
  */
 const LEADS = {
   holes: ({ east, north }) => inMosaic([Number(east), Number(north)]),
   "faults-open": () => inMosaic(),
-  "contradicted-more": () => goTo({ state: "disputed", worst: true }),
   "along-small": toOverlaps, "across-small": toOverlaps,
   "rays-few": toRays, "no-ties": toRays,
   "control-few": toControl, "control-gaps": toControl, "control-on-a-line": toControl,
   "inside-few-plan": toControl, "inside-few-heights": toControl,
   systematic: () => scrollTo("[data-map=pattern]"),
-  "class-large": (values) =>
-    goTo({ state: "open", role: CLASS_ROLES[values.class] ?? "", worst: true }),
-  "one-check": toChecks, "checks-few": toChecks, "checks-better": toChecks,
-  "checks-worse": toChecks, "checks-over": toChecks,
+  "class-large": toPhotos,
   "no-checks": toReadings, "read-few": toReadings, "read-over": toReadings,
   "read-shifted": toReadings, "read-worse": toReadings, "second-few": toReadings,
   "second-none": toReadings,
 };
 
+/**
+ * The button that leads to what a doubt is about; none where there is nothing to be seen. One of
+ * several leads to all of them.
+ * @param {Quality} found @param {string} text @param {Record<string, string>} values
+ */
+function lookFor({ photos: flown }, text, values) {
+  const { worst, photo, more, class: of } = values;
+  const kind = text.replace("verdict.", "");
+  const among = text === "verdict.unchecked" ? "all" : "disputed";
+  const isPhoto = flown.some((one) => one.photo === worst);
+  /** @type {(Aim | false | undefined)[]} */
+  const aims = [
+    Boolean(worst && photo && !more) && { state: among, key: [worst, photo] },
+    isPhoto && { photo: worst },
+    Boolean(CLASS_ROLES[of]) && { state: "open", role: CLASS_ROLES[of], worst: true },
+    AIMS[kind],
+  ];
+  const aim = aims.find((one) => one && (one.key || lets({ ...one, state: "all" })));
+  const lead = isPhoto ? toPhotos : LEADS[kind];
+  if (!aim && !lead) return [];
+  const open = () => (aim ? goTo(aim) : lead?.(values));
+  return [element("button", { onclick: open }, word("quality.look"))];
+}
+
 /** @param {Quality} found */
-function verdict({ verdict: gravest, findings, photos: flown }) {
-  const lines = findings.map(([text, grave, values]) => {
-    const { worst, photo } = values;
-    const among = text === "verdict.unchecked" ? "all" : "disputed";
-    const key = worst && photo ? /** @type {Key} */ ([worst, photo]) : undefined;
-    const aim = key ? { state: among, key }
-      : flown.some((one) => one.photo === worst) ? { photo: worst } : null;
-    const lead = LEADS[text.replace("verdict.", "")];
-    const open = () => (aim ? goTo(aim) : lead?.(values));
-    const look = (aim || lead) && grave > 0
-      ? [element("button", { onclick: open }, word("quality.look"))] : [];
-    return element("li", { class: `grave${grave}` },
-      element("b", {}, word(`grave.${grave}`)), findingSaid(text, values), " ", ...look);
-  });
+function verdict(found) {
+  const { verdict: gravest, findings } = found;
+  const lines = findings.map(([text, grave, values]) => element("li", { class: `grave${grave}` },
+    element("b", {}, word(`grave.${grave}`)), findingSaid(text, values), " ",
+    ...(grave ? lookFor(found, text, values) : [])));
   const words = element("p", { class: `verdict grave${gravest}` }, word(`verdict.${gravest}`));
   const attributes = { class: "quality-part", "data-part": "verdict" };
   const signed = element("p", { class: "signed" }, word("quality.signed"));
@@ -358,13 +384,15 @@ function pattern(found) {
 function flight(found) {
   const total = found.rays.reduce((sum, [, count]) => sum + count, 0) || 1;
   const bars = found.rays.map(([rays, count]) => element("div", { class: "bar" },
-    element("button", { class: "link", title: word("quality.rays.tip"), onclick: ties3d },
-      `${rays}`), bar(count / total),
+    element("button", { class: "link", title: word("quality.rays.tip"),
+      onclick: () => ties3d(rays) }, `${rays}`), bar(count / total),
     element("span", { class: "muted" }, `${count}`)));
   const cells = element("div", { class: "cells" }, ...found.control_cells.flat()
-    .map((count, index) => element("button", { class: count ? "" : "empty",
-      title: word("quality.control.tip"), onclick: () => goTo({ area: cellArea(found, index) }) },
-    `${count}`)));
+    .map((count, index) => {
+      const area = cellArea(found, index);
+      return element("button", { class: count ? "" : "empty", disabled: !lets({ area }),
+        title: word("quality.control.tip"), onclick: () => goTo({ area }) }, `${count}`);
+    }));
   const words = element("p", { class: "muted" }, word("quality.control.long"));
   return element("div", { class: "pair" }, part("rays", ...bars), part("control", words, cells));
 }

@@ -205,6 +205,15 @@ const inState = (row, wanted) => wanted === "all"
   || (wanted === "second" && isSecond(row))
   || (wanted === "disputed" ? row[DISPUTED] !== null : stateName(row) === wanted);
 
+/**
+ * Whether a filter lets anything through.
+ * @param {{ state?: string, photo?: string, role?: string, area?: Pair[] }} wanted
+ */
+export function lets({ state: among = "all", photo = "", role = "", area = [] }) {
+  const filter = { state: among, photo, role, area, text: "" };
+  return state.rows.some((row) => ofKind(row, filter) && inState(row, among));
+}
+
 /** Placed by one operator alone. @param {Row} row */
 const isSecond = (row) => row[READINGS] === 1 && row[STATE] === "accepted";
 

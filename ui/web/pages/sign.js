@@ -3,7 +3,11 @@ import { between, element, moment, number, shortName, start, word } from "./word
 import { send } from "./wire.js";
 
 const VERDICTS = ["accept", "accept-with-remarks", "reject"];
-const state = { verdict: "", remark: "" };
+const state = {
+  verdict: "", remark: "",
+  /** Signatures that were there when one was asked for. */
+  before: /** @type {number[] | null} */ (null),
+};
 
 /** @param {string} name @param {(Node | string)[]} children */
 const part = (name, ...children) => element("section",
@@ -14,6 +18,10 @@ const cell = (content, kind = "") => element("td", { class: kind }, content);
 
 /** @param {Quality} found */
 export function signing({ signatures }) {
+  const ids = signatures.map((one) => one.id);
+  if (state.before && ids.some((id) => !state.before?.includes(id))) {
+    Object.assign(state, { verdict: "", remark: "", before: null });
+  }
   const lines = signatures.map((one) => element("p", {
     class: `decided signature${one.changed.length ? " doubted" : ""}`, "data-who": one.who,
   }, element("b", {}, word(`accepted.${one.verdict}`)),
@@ -37,8 +45,10 @@ export function signing({ signatures }) {
       state.remark = /** @type {HTMLInputElement} */ (event.target).value;
     } });
   const sign = element("button", { id: "sign", disabled: start.guest || !state.verdict,
-    onclick: () => send({ kind: "sign", verdict: state.verdict, remark: state.remark }) },
-  word("sign"));
+    onclick: () => {
+      state.before = ids;
+      send({ kind: "sign", verdict: state.verdict, remark: state.remark });
+    } }, word("sign"));
   return part("sign.title", ...(lines.length ? lines
     : [element("p", { class: "muted" }, word("sign.none"))]),
   element("p", { class: "signing" }, select, remark, sign),
@@ -56,14 +66,19 @@ export function findingSaid(name, values) {
     ...(photo ? { photo: shortName(photo) } : {}) });
 }
 
-/** @param {Quality} found */
-export function ruled({ rules }) {
+/**
+ * @param {Quality} found
+ * @param {(text: string, values: Record<string, string>) => Node[]} look leads to what was found
+ */
+export function ruled({ rules }, look) {
   const heads = ["rule", "result", "found", "source"].map((name) =>
     element("th", {}, word(`rules.${name}`)));
   const lines = rules.map(([rule, grave, name, values, source]) => element("tr",
     { "data-rule": rule }, cell(word(`rule.${rule}`)),
     cell(element("b", { class: `grave${grave}` }, word(`grave.${grave}`))),
-    cell(findingSaid(name, values), "why"), cell(word(`rules.source.${source}`))));
+    element("td", { class: "why" }, findingSaid(name, values),
+      values.more ? ` ${word("rules.more", { more: Number(values.more) })} ` : " ",
+      ...(grave ? look(name, values) : [])), cell(word(`rules.source.${source}`))));
   return part("rules", element("table", { class: "rules" }, element("tr", {}, ...heads), ...lines));
 }
 
