@@ -29,6 +29,7 @@ from core.control.calibration_check import Bin, calibration_error
 from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.mosaic.comparison import MosaicAccuracy
+from core.mosaic.fault_places import misfit_findings
 from core.mosaic.misfit_places import Misfit
 from core.mosaic.seam_fit import SeamFit
 from core.mosaic.seams import Seam
@@ -204,8 +205,11 @@ def _judged(
         None if release is None else release.relative_m,
         _ortho_sigma_m(content),
     )
-    faults = fault_findings(standing_faults(content.decisions))
-    more = faults if checked is None else (*checked.findings, *faults)
+    more = (
+        *(() if checked is None else checked.findings),
+        *(() if content.misfit is None else misfit_findings(content.misfit.places)),
+        *fault_findings(standing_faults(content.decisions)),
+    )
     findings = tuple(sorted((*more, *findings), key=lambda one: -one.grave))
     return findings, None if release is None else release.with_findings(more), checked
 

@@ -27,6 +27,7 @@ from core.mosaic.misfit import BlockErrors, Spreads, Vectors, photos_shown, pred
 from core.mosaic.misfit_places import LEAST_SCATTER_M, SURE, TWO_SIGMAS, MisfitPlace
 from core.mosaic.seam_fit import Matches, SeamFit, borders_of
 from core.mosaic.seams import Seam
+from core.quality.rules import DOUBTFUL, Finding
 from core.raster.dem import Dem
 from core.raster.grid import Grid
 
@@ -130,6 +131,28 @@ def worst_places(
     found += tie_places(errors)
     worst = sorted(found, key=lambda place: place.rank)[:MOST]
     return tuple(_suspect_first(place, worst) for place in worst)
+
+
+def misfit_findings(places: Sequence[MisfitPlace | FaultPlace]) -> tuple[Finding, ...]:
+    """What the judgement of a block says of places off the reference; nothing without any.
+
+    Args:
+        places: Where the mosaic was compared with the reference, worst first, or all likely faults.
+    """
+    off = [
+        one
+        for one in places
+        if one.significant and (isinstance(one, MisfitPlace) or one.kind == "reference")
+    ]
+    if not off:
+        return ()
+    told = {
+        "count": str(len(off)),
+        "metres": f"{off[0].length_m:.1f}",
+        "east": f"{off[0].east:.0f}",
+        "north": f"{off[0].north:.0f}",
+    }
+    return (Finding("misfit-places", DOUBTFUL, told),)
 
 
 def _suspect_first(place: FaultPlace, places: Sequence[FaultPlace]) -> FaultPlace:

@@ -247,6 +247,7 @@ RULES: tuple[Rule, ...] = (
     Rule("along", ("along", "along-small"), SURVEY),
     Rule("across", ("across", "across-small"), SURVEY),
     Rule("holes", ("no-holes", "holes"), SURVEY),
+    Rule("misfit", ("misfit-places",), GRUBER),
     Rule("faults", ("faults", "faults-open"), GRUBER),
 )
 """In the order in which a reviewer reads them; one without findings does not concern the block."""

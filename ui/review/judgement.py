@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from core.mosaic.fault_places import misfit_findings
 from core.quality.assessment import BlockQuality, assess_block
 from core.quality.readings import ReadingFigures, reading_findings
 from core.quality.rules import Finding, judge_block, release_limit_m
@@ -39,6 +40,7 @@ def judge_desk(desk: DeskSnapshot) -> BlockJudgement:
     read = read_figures(desk.recorded, desk.mosaic_version)
     found = (
         *(() if read is None else reading_findings(read, release_limit_m(report.block))),
+        *(() if desk.state.mosaic is None else misfit_findings(desk.state.mosaic.misfit)),
         *fault_findings(standing_faults(desk.recorded)),
         *judge_block(measured, report, desk.state.holes),
     )

@@ -13,8 +13,10 @@ from core.block import TiePoints
 from core.control.prediction import covariances_of
 from core.mosaic.fault_places import (
     HOUSE_M,
+    FaultPlace,
     cut_houses,
     ground_places,
+    misfit_findings,
     seam_places,
     tie_places,
     worst_places,
@@ -154,3 +156,12 @@ def test_the_photo_that_fits_none_of_its_neighbours_is_told_first__law(run):
     # Written the other way round, a shift is that of the other photo.
     ways = {place.photo_ids[1]: place.shift_m[0] > 0 for place in places}
     assert [ways[name] for name in others] == [False, True, False]
+
+
+def test_only_places_off_the_reference_by_more_than_predicted_are_a_finding__truth():
+    off = FaultPlace("reference", 10.0, 20.0, ("A",), (3.0, 4.0), 0.1, (0.5, 0.5), significant=True)
+    near = replace(off, significant=False)
+    (found,) = misfit_findings([off, replace(off, east=90.0), replace(off, kind="house"), near])
+    assert (found.kind, found.grave) == ("misfit-places", 1)
+    assert dict(found.values) == {"count": "2", "metres": "5.0", "east": "10", "north": "20"}
+    assert misfit_findings([near, replace(off, kind="seam")]) == ()

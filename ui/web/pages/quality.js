@@ -157,6 +157,7 @@ const AIMS = {
  */
 const LEADS = {
   holes: ({ east, north }) => inMosaic([Number(east), Number(north)]),
+  "misfit-places": ({ east, north }) => inMosaic([Number(east), Number(north)]),
   "faults-open": () => inMosaic(),
   "along-small": toOverlaps, "across-small": toOverlaps,
   "rays-few": toRays, "no-ties": toRays,
