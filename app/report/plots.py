@@ -1,4 +1,7 @@
-"""Plots of the accuracy report, drawn by Matplotlib in the page's type and colours."""
+"""Plots of the accuracy report, drawn by Matplotlib in the page's type and colours.
+
+It is imported with the first plot, so that no other start of the program waits for it.
+"""
 
 import hashlib
 import io
@@ -8,15 +11,15 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from math import hypot
 from statistics import NormalDist
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib import rc_context
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from ui.words.catalogue import Teller
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Figures = dict[str, Any]
 PALETTE: Mapping[str, str] = {
@@ -138,8 +141,11 @@ def draw_film(film: Figures, longest_px: float, tell: Teller) -> Markup:
 
 
 @contextmanager
-def _plot(inches: tuple[float, float], tell: Teller) -> Generator[tuple[Axes, list[Markup]]]:
+def _plot(inches: tuple[float, float], tell: Teller) -> Generator[tuple["Axes", list[Markup]]]:
     """Axes to plot on, and where the finished plot lies afterwards."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
     drawn: list[Markup] = []
     with rc_context(STYLE):
         figure = Figure(figsize=inches, layout="constrained")

@@ -1,6 +1,5 @@
 """Photos that do not belong: they are set aside and said so, and do not disturb the others."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,14 +7,14 @@ import rasterio
 
 from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
-from tests.journeys.copies import BlockCopy, run_alone
+from tests.journeys.copies import copied, run_alone
 
 
 def test_photos_from_elsewhere_and_scanned_twice_are_told_and_disturb_nobody__truth(
-    copy_of: Callable[..., BlockCopy], tmp_path: Path
+    tiny_block: Path, tmp_path: Path
 ) -> None:
     """One frame is of another valley, one the second scan of a neighbour, its place unknown."""
-    copy = copy_of(4)
+    copy = copied(tiny_block, tmp_path / "block", 4)
     first, twice, foreign, again = copy.scans
     make_block(tmp_path / "other", SyntheticOptions("tiny", seed=77, strips=1, photos_per_strip=1))
     (elsewhere,) = (tmp_path / "other" / "scans").glob("*.tif")

@@ -1,6 +1,8 @@
 """Plots show the numbers they are given, as parts of one page."""
 
 import re
+import subprocess
+import sys
 from xml.etree import ElementTree
 
 import numpy as np
@@ -102,3 +104,9 @@ def test_no_two_plots_of_a_page_share_an_id__law():
 
 def test_the_same_figures_make_the_same_plot__law():
     assert draw_histogram(HISTOGRAM, TELL) == draw_histogram(HISTOGRAM, TELL)
+
+
+def test_what_draws_plots_is_imported_with_the_first__law():
+    """Every start of the program waited for it."""
+    told = "import app.report.mosaic, sys; print('matplotlib' in sys.modules)"
+    assert subprocess.check_output([sys.executable, "-c", told], text=True) == "False\n"
