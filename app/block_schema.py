@@ -12,6 +12,7 @@ from core.literature.baselines import OPERATORS
 from core.literature.published_chains import Preset
 from core.matching.learned import LEARNED
 from core.matching.operators import USUAL
+from core.said import say
 from core.sheets.cutting import SUFFIXES
 from core.sheets.stage import LOSSY_PERCENT
 from core.surface.ground import GroundKind
@@ -39,6 +40,8 @@ class Unit:
     taken_for: Sequence[tuple[str, float]] = ()
     """Units that are often mistaken for it, with the factor to this one; a factor of 0 stands for
     dots per inch."""
+    example: str = ""
+    """A value and what it means, where the unit alone does not tell how it is written."""
 
     def advice(self, value: float) -> str:
         """What the value probably was meant to be."""
@@ -46,6 +49,11 @@ class Unit:
             meant = value * factor if factor else 25_400.0 / value if value else 0.0
             if self.low <= meant <= self.high:
                 return f"{value:g} looks like {other}: write {meant:.6g}."
+        if self.example:
+            return say(
+                "Write {example}; from {low:.0f} to {high:.0f}.",
+                example=self.example, low=self.low, high=self.high,
+            )  # fmt: skip
         return f"Write it in {self.name}, from {self.low:g} to {self.high:g}."
 
 
@@ -53,7 +61,7 @@ MILLIMETRES = Unit("millimetres", 10, 2000, (("metres", 1000), ("micrometres", 0
 """Principal distances and sides of a picture."""
 MICROMETRES = Unit("micrometres", 3, 500, (("millimetres", 1000), ("dots per inch", 0)))
 """Scan pixels."""
-SCALE_NUMBERS = Unit("ones (15000 for 1 : 15 000)", 500, 500_000)
+SCALE_NUMBERS = Unit("scale numbers", 500, 500_000, example="15000 for 1 : 15 000")
 """Scales of photos."""
 HEIGHTS = Unit("metres above sea", 100, 30_000, (("kilometres", 1000),))
 """Heights of perspective centres."""

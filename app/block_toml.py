@@ -323,7 +323,7 @@ class Table:
                 numbers=1,
             )
         if not unit.low <= value <= unit.high:
-            cause = say("{value:g} {name} cannot be.", value=value, name=unit.name)
+            cause = say("{value:g} is outside what it can be.", value=value)
             raise self.error(key, cause, unit.advice(float(value)))
         return float(value)
 

@@ -42,7 +42,8 @@ def _item(value: Any) -> Item:
 def _answered(text: str, table: str, key: str) -> str:
     """The text with a nought where a comment of the table asks for the key."""
     header, name = re.escape(f"[{table}]"), re.escape(key)
-    asks = rf"(?m)^({header}.*\n(?:(?!\[).*\n)*?)(?:# FILL IN.*\n)?# *{name} *=.*$"
+    asking = r"(?:# FILL IN.*\n(?:# (?!\w+ *=).*\n)*)?"
+    asks = rf"(?m)^({header}.*\n(?:(?!\[).*\n)*?){asking}# *{name} *=.*$"
     return re.sub(asks, rf"\1{key} = 0", text, count=1)
 
 

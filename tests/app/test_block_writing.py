@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.block_writing import toml_value, with_values
+from app.new_block import UNKNOWN_DISTANCE
 
 TEXT = """\
 # my block
@@ -28,6 +29,13 @@ files = "scans/*.tif"
 file = "x.tif"
 exclude = true
 """
+
+
+def test_what_asks_for_a_value_goes_when_it_is_filled__law():
+    """It stood in two lines, and stayed above what was filled."""
+    asked = "\n".join(("[camera.film]", *UNKNOWN_DISTANCE, "frame_mm = [180.0, 180.0]", ""))
+    filled = with_values(asked, {("camera.film", "principal_distance_mm"): 211.59})
+    assert filled == ("[camera.film]\nprincipal_distance_mm = 211.59\nframe_mm = [180.0, 180.0]\n")
 
 
 def test_comments_and_order_stay__truth():

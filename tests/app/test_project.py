@@ -330,7 +330,7 @@ def test_adjustment_is_optional_and_every_key_is_read__truth(folder: Path) -> No
         ('self_calibration = ["ebner12", "affinity"]', "hold the same terms more than once"),
         ("self_calibration = 3", "must be a list of sets"),
         ('gnss_shift = "photo"', '"photo" is not known'),
-        ("risk = 0.5", "cannot be"),
+        ("risk = 0.5", "0.5 is outside what it can be"),
         ("variance_component = true", "is no key of this table"),
     ],
 )
