@@ -8,9 +8,10 @@ import pytest
 from app.start import open_start
 from tests.browser.conftest import PATIENCE_MS, VIOLATIONS
 from tests.browser.test_desk_security import asked, entered
-from tests.journeys.copies import reviewing
+from tests.journeys.copies import copied, reviewing
 
 RUN_MS = 600_000
+SCANS = 2
 MARKS = "1 -85.589 0.091\n2 85.303 -0.002\n3 0.121 85.589\n4 -0.075 -85.322"
 
 
@@ -41,14 +42,15 @@ def add(page, kind: str, act: str, *paths: Path) -> None:
     page.wait_for_function("k => gruber.found()?.found.some(([name]) => name === k)", arg=kind)
 
 
-def test_from_an_empty_folder_to_the_desk__truth(reviewed, page, tiny_block):
+def test_from_an_empty_folder_to_the_desk__truth(reviewed, page, tiny_block, tmp_path):
     folder, _ = reviewed
+    given = copied(tiny_block, tmp_path / "given", SCANS).folder
     assert page.locator(".needs").count() >= 5
     assert page.is_disabled('[data-act="placing.run"]')
     for kind in ("scans", "ortho", "roads"):
-        add(page, kind, "folder", tiny_block / kind)
-    add(page, "dem", "files", tiny_block / "dem.tif")
-    assert page.locator(".thumb").count() == 6
+        add(page, kind, "folder", given / kind)
+    add(page, "dem", "files", given / "dem.tif")
+    assert page.locator(".thumb").count() == SCANS
     distance = "#field-camera-film-principal_distance_mm"
     page.fill(distance, "0.21159")
     page.wait_for_selector(".field.bad .wrong:has-text('looks like metres: write 211.59')")
@@ -57,7 +59,7 @@ def test_from_an_empty_folder_to_the_desk__truth(reviewed, page, tiny_block):
     page.fill("#field-camera-film-fiducials_mm", MARKS)
     page.wait_for_selector('[data-act="placing.run"]:not(:disabled)')
     page.click('[data-tab="map"]')
-    assert page.locator("#map polygon.scan").count() == 6
+    assert page.locator("#map polygon.scan").count() == SCANS
     page.click('[data-act="placing.run"]')
     page.wait_for_selector(".stage.now")
     page.wait_for_selector("#queue .row.current", timeout=RUN_MS)
