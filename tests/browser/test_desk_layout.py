@@ -147,6 +147,35 @@ def test_pictures_have_more_than_half_of_the_window__law(sit):
         assert both["width"] * both["height"] > 0.6 * width * height
 
 
+def test_details_leave_the_pictures_and_the_decision_in_sight__law(sit):
+    page = sit(scene=False, size={"width": 1366, "height": 768})
+    page.wait_for_function("gruber.compareState().drawn.whole")
+    if not page.locator("#details").is_visible():
+        page.keyboard.press(".")
+    assert page.locator("#panes").bounding_box()["height"] > 0.4 * 768
+    assert page.evaluate(IN_SIGHT, [*DECIDES, "#details"])
+
+
+@pytest.mark.parametrize("language", ["en", "cs"])
+def test_chips_of_the_queue_stand_in_columns__law(sit, language):
+    page = sit(scene=False, language=language)
+    for width in (1366, 2560):
+        page.set_viewport_size({"width": width, "height": 1000})
+        boxes = [chip.bounding_box() for chip in page.locator(".chip:visible").all()]
+        assert np.ptp([box["width"] for box in boxes]) < 0.5
+        assert page.evaluate(CUT_OFF) == []
+
+
+def test_the_line_of_the_swipe_lies_beside_the_point__law(sit):
+    page = sit(scene=False)
+    page.wait_for_function("gruber.compareState().drawn.whole")
+    page.click('[data-mode="swipe"]')
+    room = page.locator("[data-pane=left]").bounding_box()
+    assert page.locator("#swipe").bounding_box()["width"] > 70
+    page.mouse.move(room["x"] + room["width"] / 2, room["y"] + room["height"] / 2)
+    assert page.locator(".pane.wipes").count() == 0
+
+
 def test_twenty_points_are_judged_and_nothing_is_scrolled__law(sit):
     """All that decides is in sight at 1366 by 768, from the first point to the twentieth."""
     page = sit(scene=False)

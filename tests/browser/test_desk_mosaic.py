@@ -46,6 +46,17 @@ def on_screen(page: Any, pane: str, ground: list[float]) -> tuple[float, float]:
     return box["x"] + x, box["y"] + y
 
 
+def test_the_whole_mosaic_is_whole_in_another_window__law(sit_at: Sit, real_desk: RealDesk) -> None:
+    page = sit_at(real_desk.desk.url, scene=False, size={"width": 1366, "height": 768})
+    open_mosaic(page)
+    before = page.evaluate("gruber.mosaicState().view.scale")
+    page.set_viewport_size({"width": 2560, "height": 1440})
+    page.reload()
+    page.wait_for_selector(".row.current")
+    open_mosaic(page)
+    assert page.evaluate("gruber.mosaicState().view.scale") > 1.5 * before
+
+
 def test_the_mosaic_is_seen_beside_and_over_the_ortho__law(
     sit_at: Sit, real_desk: RealDesk
 ) -> None:

@@ -419,10 +419,10 @@ def test_the_wipe_line_is_dragged_in_the_picture_and_places_nothing__law(sit):
     page.click('[data-mode="swipe"]')
     before = page.evaluate("gruber.compareState().view")
     box = page.locator('.pane[data-pane="left"]').bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 3
+    x, y = box["x"] + 0.4 * box["width"], box["y"] + box["height"] / 3
     page.mouse.move(x, y)
     page.mouse.down()
-    page.mouse.move(x + box["width"] / 4, y, steps=5)
+    page.mouse.move(x + 0.35 * box["width"], y, steps=5)
     page.mouse.up()
     assert page.evaluate("gruber.compareState().share") == pytest.approx(0.75, abs=0.02)
     assert float(page.input_value("#swipe")) == pytest.approx(75, abs=2)
@@ -447,6 +447,7 @@ def test_a_report_that_was_written_beside_the_desk_is_told_listed_and_shown__law
         (results / "report.html").write_text("<p>of today</p>", encoding="utf-8")
         report.wait_for_selector("text=of today")
         page.wait_for_selector("#results[open] a[href$='misfit.csv']")
+        assert words("en")["results.file.misfit.csv"] in page.inner_text("#results")
         said = page.locator(".notice").all_inner_texts()
         assert words("en")["notice.written-beside"] in said
     inputs.session.close()

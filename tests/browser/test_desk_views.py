@@ -91,6 +91,19 @@ def test_a_draft_of_a_mark_stays_where_it_was_made__law(real_desk, sit_at):
     assert len(real_desk.session.decisions()) == saved
 
 
+def test_marks_on_the_board_are_larger_in_a_large_window__law(real_desk, sit_at):
+    page = sit_at(real_desk.desk.url, scene=False)
+    page.keyboard.press("i")
+    page.wait_for_selector("#board[open] .mark .picture")
+    widths = []
+    for width in (1366, 2560):
+        page.set_viewport_size({"width": width, "height": 1000})
+        widths.append(page.locator(".mark .picture").first.bounding_box()["width"])
+        sheet = page.locator("#board .sheet")
+        assert sheet.evaluate("e => e.scrollWidth <= e.clientWidth") or width == 1366
+    assert widths[0] < 100 < 150 < widths[1]
+
+
 def test_the_board_shows_films_and_the_map_shows_photos__truth(real_desk, sit_at):
     page = sit_at(real_desk.desk.url, scene=False)
     page.keyboard.press("i")

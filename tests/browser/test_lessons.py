@@ -45,6 +45,18 @@ def test_scale_bars_axes_and_grids_are_drawn__law(learn):
     assert "none" not in strokes
 
 
+def test_a_typed_number_has_a_comma_or_a_point__law(learn):
+    page, _ = learn("relief", language="cs")
+    typed = page.locator("[data-typed]").first
+    name = typed.get_attribute("data-typed")
+    for text in ("10,5", "10.5"):
+        typed.fill(text)
+        typed.press("Enter")
+        settled(page)
+        assert page.evaluate(f"gruber.state.values['{name}']") == 10.5
+        assert typed.input_value() == "10,5"
+
+
 @pytest.mark.parametrize("name", LESSONS)
 def test_a_lesson_is_moved_and_answered_without_an_error__law(learn, name):
     page, wrong = learn(name)

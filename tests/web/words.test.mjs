@@ -3,8 +3,8 @@ import assert from "node:assert/strict";
 import test from "node:test";
 
 import {
-  again, fileSize, learnNames, learnPoints, moment, number, numbers, roundNumber, shortName,
-  shortPoint, start, tip, word,
+  again, fileSize, learnNames, learnPoints, moment, number, numberOf, numbers, roundNumber,
+  shortName, shortPoint, start, tip, word, written,
 } from "../../ui/web/pages/words.js";
 
 test("values are put into a sentence, and a word nobody knows shows its key__truth", () => {
@@ -25,10 +25,22 @@ test("a time is written as the language does__truth", () => {
   start.language = "cs";
   start.words = { said: "{when}, {who}" };
   assert.equal(word("said", { when: "2026-11-05T03:12", who: "ada" }),
-    "5.\u00a011.\u00a02026 03:12, ada");
+    "5.\u00a011.\u00a02026\u00a003:12, ada");
   start.language = "en";
-  assert.equal(moment("2026-11-05T03:12:07.250+00:00"), "2026-11-05 03:12");
+  assert.equal(moment("2026-11-05T03:12:07.250+00:00"), "2026-11-05\u00a003:12");
   assert.equal(moment("1938-05-16"), "1938-05-16");
+});
+
+test("a field shows a number as the language does, and takes a point and a comma__law", () => {
+  for (const [language, shown] of [["cs", "-84,5"], ["en", "-84.5"]]) {
+    start.language = language;
+    assert.equal(written(-84.5), shown);
+    for (const text of [shown, " -84.5 ", "-84,5", "\u221284,5"]) {
+      assert.equal(numberOf(text), -84.5);
+    }
+  }
+  assert.equal(written(""), "");
+  assert.ok([" ", "", "1,2,3", "m"].every((text) => Number.isNaN(numberOf(text))));
 });
 
 test("quotes of commands for a terminal are left out__truth", () => {

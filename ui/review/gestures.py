@@ -194,6 +194,14 @@ class ReliefRaised:
 
 
 @dataclass(frozen=True, slots=True)
+class ThemeChosen:
+    """The page is light, or dark again."""
+
+    seat_id: str
+    light: bool
+
+
+@dataclass(frozen=True, slots=True)
 class LayerSwitched:
     """A layer of the 3D scene shown or hidden."""
 
@@ -297,10 +305,10 @@ class Freed:
     robust: bool
 
 
+SceneGesture = LayerSwitched | VectorsScaled | ReliefRaised | PhotoEntered | ThemeChosen
 Looking = (
-    Stepped | Selected | Sorted | Filtered | Aimed | PhotoEntered | ReliefRaised | LayerSwitched
-    | VectorsScaled | Fitted | QualityAsked | SheetAsked | AnswerAsked | MosaicPicked | NearAsked
-    | Outlined
+    Stepped | Selected | Sorted | Filtered | Aimed | SceneGesture | Fitted | QualityAsked
+    | SheetAsked | AnswerAsked | MosaicPicked | NearAsked | Outlined
 )  # fmt: skip
 Gesture = (
     Looking | Judged | JudgedTogether | Dropped | Explained
@@ -436,6 +444,7 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "layer": _layer,
     "vectors": _scaled,
     "relief": _raised,
+    "theme": lambda seat, message: ThemeChosen(seat, bool(message["light"])),
     "hover": _aimed("hover"),
     "follow": _aimed("follow"),
     "enter": lambda seat, message: PhotoEntered(seat, str(message["photo"])),

@@ -65,6 +65,8 @@ RAYS = tuple(reversed(SIZES))
 """Tie points of two rays, three and so on; the last also those with more."""
 CHOSEN = "#ff6fb0"
 """The photo chosen in the scene."""
+LIGHT = {CURRENT: "#101820", STALE: "#8a5000", PHOTO: "#35526f", CHOSEN: "#b5186a"}
+"""What stands against the ground of the scene, where that is light."""
 ELLIPSE = "#e8d9a0"
 """Error ellipses of control points."""
 SERVED, BARE = "#1fc79b", "#ee6a2c"
@@ -76,6 +78,11 @@ FADED = "#78828f"
 def rgb(colour: str) -> tuple[int, int, int]:
     """Red, green, blue (0 to 255) of a CSS colour written `#rrggbb`."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+
+
+def against(colour: str, light: bool) -> str:
+    """A colour as it is drawn against a light ground, or a dark one."""
+    return LIGHT.get(colour, colour) if light else colour
 
 
 def size_colours(sizes: Scalars, most: float) -> Colours:
@@ -109,7 +116,7 @@ def page_palette() -> dict[str, object]:
         "rays": RAYS,
         "ellipse": ELLIPSE,
         "bare": BARE,
-        "chosen": CHOSEN,
+        "chosen": {"dark": CHOSEN, "light": LIGHT[CHOSEN]},
     }
 
 

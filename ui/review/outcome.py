@@ -50,11 +50,13 @@ from ui.review.gestures import (
     RemakeAsked,
     RemakeCancelled,
     RoleSwitched,
+    SceneGesture,
     Selected,
     SheetAsked,
     Sorted,
     Stepped,
     TakenBack,
+    ThemeChosen,
     Undone,
     VectorsScaled,
 )
@@ -447,17 +449,15 @@ def _worst(found: sight.Picked, seat: Seat, desk: DeskSnapshot) -> Key | None:
     return best.key
 
 
-def _with_scene(
-    gesture: LayerSwitched | VectorsScaled | ReliefRaised | PhotoEntered,
-    seat: Seat,
-    desk: DeskSnapshot,
-) -> Seat:
+def _with_scene(gesture: SceneGesture, seat: Seat, desk: DeskSnapshot) -> Seat:
     """The seat with its scene as a gesture wants it."""
     match gesture:
         case VectorsScaled(scale=scale):
             return replace(seat, scene=replace(seat.scene, vector_scale=scale))
         case ReliefRaised(relief=relief):
             return replace(seat, scene=replace(seat.scene, relief=relief))
+        case ThemeChosen(light=light):
+            return replace(seat, scene=replace(seat.scene, light=light))
         case PhotoEntered(photo_id=photo_id) if photo_id in desk.state.block.photos:
             return _with_photo(seat, photo_id, inside=True)
         case PhotoEntered():
@@ -471,7 +471,7 @@ def _with_scene(
 def _moved(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Seat:
     """Walks through the queue, sorting and filtering, and the like: nothing is decided."""
     match gesture:
-        case LayerSwitched() | VectorsScaled() | ReliefRaised() | PhotoEntered():
+        case LayerSwitched() | VectorsScaled() | ReliefRaised() | PhotoEntered() | ThemeChosen():
             return _with_scene(gesture, seat, desk)
         case Named(name=name):
             return replace(seat, operator=name)

@@ -77,6 +77,7 @@ def scene_part(seat: Seat, state: DeskState, away: Mapping[Key, Misfit]) -> Part
         "rays": scene.rays,
         "scale": scene.vector_scale,
         "relief": scene.relief,
+        "light": scene.light,
         "photo": scene.photo,
         "inside": scene.inside,
         "top": ramp_top_m(state, away),

@@ -106,6 +106,8 @@ class SceneOptions:
     """Heights on screen are this many times as large."""
     rays: int = 0
     """Only tie points of so many photos are shown; all of them when 0."""
+    light: bool = False
+    """Whether its ground is light, as its page is."""
     photo: str = ""
     """The chosen photo, whose footprint and points stand out; empty without one."""
     inside: str = ""

@@ -149,6 +149,10 @@ class BlockView:
         self._show_tie_vectors(picture, options)
         self._show_labels(picture.labels, "labels" not in hidden and inside is None)
         self._show_current(pointed)
+        if options.light != before.light:
+            for name, colour in ((CHOSEN, looks.CHOSEN), (CURRENT_RAY, looks.CURRENT)):
+                seen = rgb(looks.against(colour, options.light))
+                self._lines[name].colors = np.array(seen, dtype=np.uint8)
         if options.inside != before.inside:
             self._fly(inside)
 
@@ -267,12 +271,9 @@ class BlockView:
             (CURRENT_RAY, looks.CURRENT, 1.4),
         ):
             self._lines[name] = self._scene.add_line_segments(
-                name,
-                np.zeros((1, 2, 3)),
-                rgb(colour),
-                thickness=thickness,
+                name, np.zeros((1, 2, 3)), rgb(colour), thickness=thickness,
                 thickness_units="screen",
-            )
+            )  # fmt: skip
         for frustum in picture.frustums:
             self._add_frustum(frustum, picture.depth_m)
 
@@ -295,25 +296,19 @@ class BlockView:
         by_volume = float(np.cbrt(half * frustum.aspect * half / 3))
         self._frustums[frustum.photo_id] = self._scene.add_camera_frustum(
             photo_node(frustum.photo_id),
-            fov=frustum.vertical_fov,
-            aspect=frustum.aspect,
-            scale=depth_m * by_volume,
-            thickness=1.6,
-            thickness_units="screen",
-            color=rgb(looks.PHOTO),
-            jpeg_quality=80,
-            cast_shadow=False,
-            receive_shadow=False,
-        )
+            fov=frustum.vertical_fov, aspect=frustum.aspect, scale=depth_m * by_volume,
+            thickness=1.6, thickness_units="screen", color=rgb(looks.PHOTO), jpeg_quality=80,
+            cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
 
     def _show_frustum(self, frustum: FrustumPicture, depth_m: float, visible: bool) -> None:
         if frustum.photo_id not in self._frustums:
             self._add_frustum(frustum, depth_m)
         handle = self._frustums[frustum.photo_id]
         rotation = frustum.object_from_image @ IMAGE_FROM_OPENCV
-        colour = looks.STALE if frustum.stale else looks.PHOTO
-        if frustum.photo_id == self._options.photo:
-            colour = looks.CHOSEN
+        chosen = frustum.photo_id == self._options.photo
+        colour = looks.CHOSEN if chosen else looks.STALE if frustum.stale else looks.PHOTO
+        colour = looks.against(colour, self._options.light)
         shown = (*frustum.centre.tolist(), *rotation.ravel().tolist(), colour)
         if self._is_new(photo_node(frustum.photo_id), shown):
             handle.wxyz = transforms.SO3.from_matrix(rotation).wxyz

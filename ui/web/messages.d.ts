@@ -25,8 +25,11 @@ interface Start {
   /** What the engine says, by the English sentence; empty in English. */
   messages: Record<string, string>;
   keys: [key: string, word: string][];
-  palette: Record<"current" | "check" | "predicted" | "peak" | "ellipse" | "bare" | "chosen",
-    string> & Record<"sizes" | "rays", string[]> & { states: Record<State, { colour: string; glyph: string }> };
+  palette: Record<"current" | "check" | "predicted" | "peak" | "ellipse" | "bare", string>
+    & Record<"sizes" | "rays", string[]> & {
+      states: Record<State, { colour: string; glyph: string }>;
+      chosen: Record<"dark" | "light", string>;
+    };
   photos: string[];
   /** On the start page: who closed the desk for it, and the mark of that page. */
   left?: { who: string; mark: string } | null;
@@ -292,6 +295,8 @@ interface SceneSwitches {
   rays: number;
   scale: number;
   relief: number;
+  /** Whether it is drawn for a light ground. */
+  light: boolean;
   /** The chosen photo, and the one whose perspective centre the eye is in. */
   photo: string;
   inside: string;

@@ -19,6 +19,7 @@ from ui.review.gestures import (
     QualityAsked,
     ReliefRaised,
     Stepped,
+    ThemeChosen,
     VectorsScaled,
     gesture_from_message,
 )
@@ -72,6 +73,7 @@ def test_messages_that_are_not_well_formed_are_no_gestures__law(message):
         ),
         ({"kind": "vectors", "scale": 1e9}, VectorsScaled("s", 1000.0)),
         ({"kind": "relief", "relief": 5}, ReliefRaised("s", 5.0)),
+        ({"kind": "theme", "light": True}, ThemeChosen("s", True)),
         ({"kind": "enter", "photo": "a"}, PhotoEntered("s", "a")),
         (
             {"kind": "follow", "number": 7, "ray": [1, 2, 3, 0, 0, -1]},

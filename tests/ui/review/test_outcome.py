@@ -35,6 +35,7 @@ from ui.review.gestures import (
     Selected,
     Sorted,
     Stepped,
+    ThemeChosen,
     Undone,
 )
 from ui.review.outcome import outcome_of
@@ -375,6 +376,11 @@ def test_heights_are_exaggerated_for_one_seat__law(desk, seat):
     raised = outcome_of(ReliefRaised(seat.seat_id, 5.0), seat, desk).seat
     assert raised.scene.relief == 5.0
     assert raised.scene.hidden == seat.scene.hidden
+
+
+def test_a_page_that_turns_light_has_its_scene_so__law(desk, seat):
+    scene = outcome_of(ThemeChosen(seat.seat_id, True), seat, desk).seat.scene
+    assert scene == replace(seat.scene, light=True)
 
 
 def test_selected_must_exist__law(desk, seat):

@@ -9,13 +9,15 @@ import pytest
 
 from tests.ui.desk_block import outlines, tiny_block, tiny_snapshot
 from ui.review.looks import CHOSEN as CHOSEN_COLOUR
-from ui.review.looks import LOOKS, STALE, rgb
+from ui.review.looks import CURRENT as CURRENT_COLOUR
+from ui.review.looks import LIGHT, LOOKS, PHOTO, STALE, rgb
 from ui.review.scene import scene_picture, short_names
 from ui.review.state import SceneOptions
 from ui.views.block_view import (
     AREAS,
     CHOSEN,
     CURRENT,
+    CURRENT_RAY,
     ELLIPSES,
     FOOTPRINTS,
     HILLSHADE,
@@ -100,6 +102,18 @@ def test_a_stale_photo_has_the_colour_of_stale_ones__law(shown):
     nodes = client.scene.nodes
     assert nodes[photo_node("1938_01_014")].color == rgb(STALE)
     assert nodes[photo_node("1938_01_015")].color != rgb(STALE)
+
+
+def test_photos_and_the_ray_are_drawn_for_a_light_ground__law(shown):
+    view, picture, client = shown
+    nodes, seen = client.scene.nodes, {}
+    for light in (True, False):
+        view.show(picture, replace(ALL, light=light, photo="1938_01_016"), None)
+        photos = (nodes[photo_node(f"1938_01_01{number}")].color for number in (4, 5, 6))
+        lines = (tuple(nodes[name].colors) for name in (CHOSEN, CURRENT_RAY))
+        seen[light] = [*photos, *lines]
+    dark = [STALE, PHOTO, CHOSEN_COLOUR, CHOSEN_COLOUR, CURRENT_COLOUR]
+    assert seen == {False: [*map(rgb, dark)], True: [rgb(LIGHT[colour]) for colour in dark]}
 
 
 def test_what_is_current_is_ringed__truth(shown):

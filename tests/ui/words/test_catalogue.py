@@ -47,7 +47,11 @@ def is_said(key: str) -> bool:
         return True
     for template in TEMPLATES:
         found = re.fullmatch(template, key)
-        pieces = [piece for part in (found.groups() if found else ()) for piece in part.split(".")]
+        parts = found.groups() if found else ()
+        # Names of files have a point of their own.
+        pieces = [
+            one for part in parts for one in ([part] if part in LITERALS else part.split("."))
+        ]
         if pieces and all(_is_written(piece) for piece in pieces):
             return True
     return False

@@ -16,6 +16,8 @@ const state = {
   /** Only tie points of so many photos are shown, and whether any were before. */
   rays: 0,
   before: false,
+  /** As the scene is drawn; null before it is told. */
+  light: /** @type {boolean | null} */ (null),
 };
 
 const slider = () => /** @type {HTMLInputElement} */ (first("#vectors input"));
@@ -41,6 +43,8 @@ export function setUpScene() {
   }
   byId("relief").setAttribute("aria-label", word("relief"));
   setUpSight();
+  new MutationObserver(tellTheme)
+    .observe(document.documentElement, { attributes: true, attributeFilter: ["data-theme"] });
   window.gruberEye = followEye;
   awaitScene();
 }
@@ -75,10 +79,18 @@ function awaitScene() {
   setTimeout(awaitScene, 200);
 }
 
+/** What stands against its ground is drawn so that it is seen there. */
+function tellTheme() {
+  const light = document.documentElement.dataset.theme === "light";
+  if (state.light !== null && light !== state.light) send({ kind: "theme", light });
+}
+
 /** @param {SceneSwitches} scene */
 export function showScene(scene) {
-  const { layers, scale, relief } = scene;
-  Object.assign(state, { layers, rays: scene.rays });
+  const { layers, scale, relief, light, rays } = scene;
+  const opened = state.light === null;
+  Object.assign(state, { layers, light, rays });
+  if (opened) tellTheme();
   for (const button of all("button", byId("layers"))) {
     turn(button, layers[button.dataset.layer ?? ""]);
   }

@@ -156,11 +156,11 @@ function body(found) {
     const rows = photos.filter((row) => row.camera === camera);
     const title = cameras.length > 1 ? camera : word("quality.photo");
     const heads = rows[0].cells.map((cell) => element("th", {}, cell.name));
-    return element("table", { class: "marks" },
+    return element("table", { class: "marks", style: `--marks: ${heads.length || 1}` },
       element("thead", {}, element("tr", {}, element("th", { class: "name" }, title), ...heads)),
       element("tbody", {}, ...rows.map(line)));
   });
-  const sheet = element("div", { class: "sheet" }, byDoubt().length ? null : none, ...tables);
+  const sheet = element("div", { class: "sheet board" }, byDoubt().length ? null : none, ...tables);
   const room = byId("mark-room") ?? element("aside", { id: "mark-room" });
   return element("div", { class: "two-rooms" }, sheet, room);
 }
@@ -302,7 +302,8 @@ function showLarge() {
   const stepTo = (/** @type {"previous" | "next"} */ name, /** @type {number} */ by) => {
     const title = word(`board.${name}`);
     const arrow = by < 0 ? "\u2039" : "\u203a";
-    return element("button", { class: "small", title, onclick: () => step(by) }, arrow);
+    return element("button",
+      { class: "small", title, "aria-label": title, onclick: () => step(by) }, arrow);
   };
   const large = /** @type {HTMLElement | null} */ (room.querySelector(".magnified"))
     ?? paneElement("magnified");

@@ -35,7 +35,8 @@ const LEAST_ELLIPSE_PX = 10; // design: as large as the mark of a predicted plac
 const WIPE_PX = 8; // design: wide enough for a hand, narrow beside what is looked at
 const state = {
   look: {
-    mode: "side", share: 0.5, contrast: 1, wallis: false, raw: false, marks: true, likeness: false,
+    // The line of the swipe lies beside the point.
+    mode: "side", share: 0.4, contrast: 1, wallis: false, raw: false, marks: true, likeness: false,
     adding: false, blink: false, scale: 0, edges: false, flicker: false, together: false,
   },
   point: /** @type {Point | null} */ (null),

@@ -1,5 +1,5 @@
 // The question of a lesson: new numbers each time, judged by the engine, kept for a table.
-import { byId, element, number, word } from "./words.js";
+import { byId, element, number, numberOf, word } from "./words.js";
 import { post, tell } from "./run.js";
 import { told } from "./lesson_numbers.js";
 
@@ -37,8 +37,8 @@ export async function showQuestion(room, lesson, text) {
   const judged = (/** @type {number | null} */ answer) => judge(lesson, answer, said, text);
   const form = element("form", { class: "answering", onsubmit: (/** @type {Event} */ event) => {
     event.preventDefault();
-    const answer = Number(field.value.trim().replace(",", ".").replace("\u2212", "-"));
-    if (!field.value.trim() || !Number.isFinite(answer)) said.textContent = word("teach.nonsense");
+    const answer = numberOf(field.value);
+    if (!Number.isFinite(answer)) said.textContent = word("teach.nonsense");
     else judged(answer);
   } }, field, element("span", { class: "unit" }, asked.unit),
   element("button", { class: "on", type: "submit", id: "check" }, word("teach.check")));

@@ -1,5 +1,7 @@
 // The page of lessons: a lesson is chosen, its sliders are moved, its question is answered.
-import { all, byId, element, fillWords, number, start, turn, word } from "./words.js";
+import {
+  all, byId, element, fillWords, number, numberOf, start, turn, word, written,
+} from "./words.js";
 import { post, tell } from "./run.js";
 import { takeSeat } from "./wire.js";
 import { nextTheme, setUpTheme } from "./theme.js";
@@ -107,14 +109,14 @@ function sliderRow(slider) {
   if (`lesson.${state.lesson.name}.choice.${name}.${low}` in start.words) return choices(slider);
   const range = element("input", { type: "range", id: `slider-${name}`, min: low, max: high, step,
     "data-name": name, oninput: () => set(name, Number(range.value)) });
-  const typed = element("input", { type: "number", min: low, max: high, step: "any",
+  const typed = element("input", { inputmode: "decimal", autocomplete: "off",
     "data-typed": name, "aria-label": title, onchange: () => {
-      const given = Number(typed.value);
-      set(name, Number.isFinite(given) && typed.value ? Math.min(Math.max(given, low), high)
+      const given = numberOf(typed.value);
+      set(name, Number.isFinite(given) ? Math.min(Math.max(given, low), high)
         : state.values[name]);
     } });
   range.value = `${state.values[name]}`;
-  typed.value = range.value;
+  typed.value = written(state.values[name]);
   const hue = hueOf(slider);
   return element("div", { class: `slider ${hue === undefined ? "" : `hue-${hue}`}` },
     element("label", { for: `slider-${name}` }, title, symbol ? symbolShown(symbol) : null),
@@ -150,7 +152,7 @@ function set(name, value) {
     document.querySelector(`[data-typed="${name}"]`));
   if (range?.type === "checkbox") range.checked = Boolean(value);
   else if (range) range.value = `${value}`;
-  if (typed) typed.value = `${value}`;
+  if (typed) typed.value = written(value);
   for (const button of all(`[data-choice="${name}"]`)) {
     turn(button, Number(button.dataset.value) === value);
   }

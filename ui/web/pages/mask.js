@@ -126,7 +126,7 @@ function head() {
       refresh();
     })),
     element("span", { class: "stretch" }),
-    element("button", { onclick: fit }, word("act.fit")),
+    element("button", { onclick: fit }, word("act.fit"), element("kbd", {}, "F")),
     element("button", { id: "mask-close", onclick: close }, word("act.close")));
 }
 

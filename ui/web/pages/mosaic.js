@@ -85,8 +85,9 @@ export function setUpMosaic() {
     if (view) state.view.show(layerFromGround(view.slice(0, 2)), view[2]);
   } catch { /* Looks as at first. */ }
   window.addEventListener("pagehide", () => {
-    const { look, view: { x, y, scale } } = state;
-    const view = scale ? [...groundFromLayer([x, y]), scale] : null;
+    const { look, view: { x, y, scale, filled } } = state;
+    // The whole block is looked at whole in another window, too.
+    const view = scale && !filled ? [...groundFromLayer([x, y]), scale] : null;
     const kept = { look: { ...look, blink: false }, view };
     sessionStorage.setItem(placeName(), JSON.stringify(kept));
   });

@@ -147,7 +147,7 @@ function head(found) {
     element("span", { class: "legend-line before" }, word("placement.given")),
     element("span", { class: "legend-line after" }, word("placement.placed")),
     ...areaButtons(),
-    element("button", { onclick: fit }, word("act.fit")),
+    element("button", { onclick: fit }, word("act.fit"), element("kbd", {}, "F")),
     element("button", { id: "placement-close", onclick: close }, word("act.close")));
 }
 

@@ -1,5 +1,7 @@
 // Surveyed points of the operator: a list looked at before it comes in, or one point typed.
-import { again, byId, element, renew, sheetHead, start, svg, word } from "./words.js";
+import {
+  again, byId, element, numberOf, renew, sheetHead, start, svg, word, written,
+} from "./words.js";
 
 const QUANTITIES = [
   "", "id", "X", "Y", "Z", "sigma_X", "sigma_Y", "sigma_Z", "sigma_xy", "role", "description",
@@ -150,8 +152,8 @@ const settings = (reading) => element("div", { class: "points-settings" },
   select("header", String(reading.header), ["true", "false"]),
   select("axes", reading.axes, ["E N", "N E", "-E -N", "-N -E"]),
   field("crs", reading.crs), select("role", reading.role, ROLES),
-  field("sigma_plan_m", String(reading.sigma_plan_m)),
-  field("sigma_height_m", String(reading.sigma_height_m)));
+  field("sigma_plan_m", written(reading.sigma_plan_m)),
+  field("sigma_height_m", written(reading.sigma_height_m)));
 
 /** @param {string} name @param {string} value @param {string[]} choices */
 function select(name, value, choices) {
@@ -176,10 +178,8 @@ function optionWord(name, choice) {
 
 /** @param {string} name @param {string} value */
 function field(name, value) {
-  const onchange = (/** @type {any} */ { target }) => {
-    const number = Number(target.value.replace(",", "."));
-    choose(name, name === "crs" ? target.value.trim() : number);
-  };
+  const onchange = (/** @type {any} */ { target }) =>
+    choose(name, name === "crs" ? target.value.trim() : numberOf(target.value));
   return element("label", {}, word(`points.${name}`),
     element("input", { id: `points-${name}`, value, onchange, size: "9", autocomplete: "off" }));
 }
@@ -297,9 +297,10 @@ async function fillKnown() {
   const answer = await fetch(`/points/known?name=${encodeURIComponent(name)}`);
   const known = answer.ok ? await answer.json() : {};
   if (!known.position) return;
-  ["X", "Y", "Z"].forEach((axis, n) => { one(axis).value = String(known.position[n]); });
-  one("sigma_xy").value = String(known.sigma[0] ?? "");
-  one("sigma_Z").value = String(known.sigma[1] ?? "");
+  ["X", "Y", "Z"].forEach((axis, n) => { one(axis).value = written(known.position[n]); });
+  ["sigma_xy", "sigma_Z"].forEach((sigma, n) => {
+    one(sigma).value = written(known.sigma[n] ?? "");
+  });
   one("role").value = known.role;
   one("description").value = known.description;
 }

@@ -104,6 +104,7 @@ export function setUpQueue() {
   const photos = start.photos.map((name) => [name, shortName(name)]);
   const longest = Math.max(0, ...photos.map(([, name]) => name.length));
   byId("queue").style.setProperty("--scan", `${Math.min(longest, MOST_SIGNS) + 0.5}ch`);
+  byId("queue").style.setProperty("--scan-whole", `${longest + 0.5}ch`);
   fill("sieve-photo", [["", word("photo.all")], ...photos], (photo) => sieve({ photo }));
   const kinds = KINDS.map((kind) => [kind, word(`role.${kind}`)]);
   fill("sieve-role", [["", word("role.both")], ...kinds], (role) => sieve({ role }));

@@ -54,7 +54,10 @@ async function fill(list) {
       const lines = files.filter(([name]) => folderOf(name) === folder).map(line);
       const inside = element("ul", {}, ...lines);
       const said = `${folder}/ (${lines.length})`;
-      return folder ? element("details", {}, element("summary", {}, said), inside) : inside;
+      const [top] = folder.split("/");
+      const what = meaning(`results.folder.${top}`);
+      return folder ? element("details", {}, element("summary", {}, said, " ", what), inside)
+        : inside;
     }),
     files.length ? "" : element("p", {}, word("results.none")));
 }
@@ -64,7 +67,10 @@ const folderOf = (name) => name.slice(0, Math.max(name.lastIndexOf("/"), 0));
 
 /** @param {[name: string, bytes: number]} file */
 const line = ([name, bytes]) => element("li", {}, link(name),
-  element("span", { class: "muted" }, fileSize(bytes)));
+  meaning(`results.file.${name}`), element("span", { class: "muted" }, fileSize(bytes)));
+
+/** What a file or a folder holds, where that is known. @param {string} key */
+const meaning = (key) => element("span", { class: "muted what" }, start.words[key] ?? "");
 
 /** @param {string} name */
 function link(name) {

@@ -1,5 +1,7 @@
 // The form of block.toml, made from its schema: one field for each key.
-import { again, byId, element, start, tip, word } from "./words.js";
+import {
+  again, between, byId, element, numberOf, start, tip, word, written,
+} from "./words.js";
 
 /** @typedef {{ name: string, field: FormField, input: Input, room: HTMLElement }} Shown */
 /** @typedef {HTMLInputElement | HTMLTextAreaElement | HTMLSelectElement} Input */
@@ -127,40 +129,38 @@ const chosen = (choice) => (choice === "" ? word("form.none")
 function usual({ choices, default: value, range }) {
   const text = choices.length ? chosen(textOf(value)) : textOf(value);
   if (text) return word("form.usual", { value: text });
-  return range.length ? `${range[0]}\u2013${range[1]}` : "";
+  return range.length ? range.map(written).join("\u2013") : "";
 }
 
 /** A value as a hand writes it. @param {any} value @returns {string} */
 function textOf(value) {
   if (value === null || value === undefined) return "";
   if (Array.isArray(value)) {
-    return value.join(value.some((item) => typeof item === "string") ? "\n" : ", ");
+    return value.some((item) => typeof item === "string") ? value.join("\n")
+      : value.map(written).join(between());
   }
   if (typeof value === "object") {
-    return Object.entries(value).map(([name, place]) => [name, ...[place].flat()].join("  "))
-      .join("\n");
+    return Object.entries(value)
+      .map(([name, place]) => [name, ...[place].flat().map(textOf)].join("  ")).join("\n");
   }
-  return `${value}`;
+  return typeof value === "number" ? written(value) : `${value}`;
 }
 
-/** A number, also with a comma; else the text, which is then refused with its reason. */
-function numberOf(/** @type {string} */ text) {
-  const value = Number(text.replace(",", ".").replace("\u2212", "-"));
-  return text.trim() && Number.isFinite(value) ? value : text;
-}
+/** A number; else the text, which is then refused with its reason. @param {string} text */
+const numberOr = (text) => (Number.isFinite(numberOf(text)) ? numberOf(text) : text);
 
 /** @param {FormField} field @param {string} text @returns {unknown} */
 function valueOf({ kind }, text) {
   const lines = text.split("\n").map((line) => line.trim()).filter(Boolean);
   if (!lines.length) return null;
-  if (kind === "number" || kind === "count") return numberOf(lines[0]);
+  if (kind === "number" || kind === "count") return numberOr(lines[0]);
   if (kind === "numbers" || kind === "measures") {
-    return text.trim().split(/[\s;]+|,\s+|,(?=\s*$)/).filter(Boolean).map(numberOf);
+    return text.trim().split(/[\s;]+|,\s+|,(?=\s*$)/).filter(Boolean).map(numberOr);
   }
   if (kind === "marks") {
     const marks = lines.map((line) => {
       const [name, ...place] = line.split(/[\s;=]+/);
-      return [name, place.map((part) => numberOf(part.replace(/,$/, "")))];
+      return [name, place.map((part) => numberOr(part.replace(/,$/, "")))];
     });
     // A name that stands twice would be lost among names: it is refused with its reason.
     const names = new Set(marks.map(([name]) => name));

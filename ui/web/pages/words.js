@@ -73,8 +73,8 @@ function formatted(value, format) {
 
 /** A time as the language writes it. @param {string} when */
 export const moment = (when) => when.replace(MOMENT, (_, year, month, day, clock) =>
-  (start.language === "cs" ? `${Number(day)}.\u00a0${Number(month)}.\u00a0${year} ${clock}`
-    : `${year}-${month}-${day} ${clock}`));
+  (start.language === "cs" ? `${Number(day)}.\u00a0${Number(month)}.\u00a0${year}\u00a0${clock}`
+    : `${year}-${month}-${day}\u00a0${clock}`));
 
 /** A number as the language writes it. @param {string} text */
 function signed(text) {
@@ -312,6 +312,14 @@ export function number(value, digits, unit = "") {
   if (value === null || value === undefined) return "\u2013";
   return signed(value.toFixed(digits)) + (unit ? `\u2009${unit}` : "");
 }
+
+/** A number in a field, with all its digits. @param {number | string} value */
+export const written = (value) =>
+  (start.language === "cs" ? `${value}`.replace(".", ",") : `${value}`);
+
+/** What a hand wrote, with a point or a comma; NaN where it is no number. @param {string} text */
+export const numberOf = (text) => (text.trim()
+  ? Number(text.trim().replace(",", ".").replace("\u2212", "-")) : NaN);
 
 /** 1, 2 or 5 of some power of ten, with the digits it has. @param {number} value */
 export const roundNumber = (value, unit = "") =>
