@@ -368,6 +368,9 @@ REQUIREMENTS = (
         "report.want.holes", "report.limit.none",
         {"no-holes": NONE, "holes": "report.value.holes"},
     ),
+    _Requirement(
+        "report.want.misfit", "report.limit.none", {"misfit-places": "report.value.misfit"}
+    ),
 )  # fmt: skip
 
 

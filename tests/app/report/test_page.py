@@ -195,6 +195,14 @@ def test_what_stands_in_the_table_is_what_the_verdict_says__law(written):
     assert "Holes inside the mosaic" in doubtful
 
 
+def test_the_table_tells_places_off_the_reference__truth(written):
+    figures = written[1]
+    off = {"kind": "misfit-places", "grave": 1, "count": "2", "metres": "5.0"}
+    rows = requirements({**figures, "verdict": [*figures["verdict"], off]}, TELL)
+    (row,) = (row for row in rows if "off the reference" in row["name"])
+    assert (row["value"], row["grave"]) == ("2, by up to 5.0 m", 1)
+
+
 @pytest.mark.parametrize(
     ("count", "told"),
     [
