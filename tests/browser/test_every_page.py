@@ -148,6 +148,27 @@ SHEETS = {
 """Everything that opens at the desk: by a key or a button."""
 
 
+def open_sheet(page, sheet: str) -> None:
+    """Open a sheet of the desk and wait until it is drawn; whatever is open is closed."""
+    page.wait_for_function("window.gruber?.parts.point && !gruber.isAhead()")
+    page.evaluate(CLOSE)
+    if (opener := SHEETS[sheet]).startswith("#"):
+        page.click(opener)
+    elif opener:
+        page.keyboard.press(opener)
+    if sheet:
+        page.wait_for_selector(f"#{sheet}[open]:not(:has([aria-busy])) :is(button, iframe)")
+
+
+def frame_of_placing(page):
+    """The frame in which a photo is placed by hand, once it can be used."""
+    frame = page.wait_for_selector("#placed iframe").content_frame()
+    frame.wait_for_selector("#placing-save", state="attached")
+    # The fit of the clicks comes from the server, and with it the buttons are drawn anew.
+    frame.wait_for_load_state("networkidle")
+    return frame
+
+
 FORGET = """addEventListener("pagehide", () => {
   sessionStorage.clear();
   localStorage.removeItem("gruber.seat");
@@ -210,29 +231,18 @@ def test_tab_reaches_every_control_of_the_desk_and_its_sheets__law(rooms, enter)
     begun = len(session.decisions())
     page.wait_for_function("gruber.parts.point.trial")
     wrong = {}
-    for sheet, opener in SHEETS.items():
+    for sheet in SHEETS:
 
-        def again(sheet=sheet, opener=opener) -> None:
+        def again(sheet=sheet) -> None:
             if page.evaluate(OPEN) == sheet:
                 # A key that goes down on a control and up on its successor presses neither.
                 page.wait_for_function("!gruber.isAhead() && !gruber.parts.status.adjusting")
                 return
-            page.wait_for_function("window.gruber?.parts.point && !gruber.isAhead()")
-            page.evaluate(CLOSE)
-            if opener.startswith("#"):
-                page.click(opener)
-            elif opener:
-                page.keyboard.press(opener)
-            if sheet:
-                page.wait_for_selector(f"#{sheet}[open]:not(:has([aria-busy])) :is(button, iframe)")
+            open_sheet(page, sheet)
 
         again()
         if sheet == "placed":
-            frame = page.wait_for_selector("#placed iframe").content_frame()
-            frame.wait_for_selector("#placing-save", state="attached")
-            # The fit of the clicks comes from the server, and with it the buttons are drawn anew.
-            frame.wait_for_load_state("networkidle")
-            wrong[sheet] = unseen_or_unreached(frame)
+            wrong[sheet] = unseen_or_unreached(frame_of_placing(page))
             continue
         wrong[sheet] = unseen_or_unreached(page)
         wrong[sheet] += press_everything(page, again, lambda: len(session.decisions()))
