@@ -125,13 +125,16 @@ def _scans(project: Project, scans: Mapping[str, str]) -> list[Check]:
     if broken:
         every = len(broken) == len(listed)
         checks.append([every, "broken", {"count": len(broken), "first": broken[0]}])
-    whole = next((scan for scan in listed if scan.path.name not in broken), None)
-    if whole is not None:
+    whole = [scan for scan in listed if scan.path.name not in broken]
+    unfit: list[str] = []
+    for scan in whole:
         try:
-            camera, pixel_mm = project.cameras[whole.camera], whole.scan_pixel_um / 1000
-            check_fits_camera(open_scan(whole.path), camera, pixel_mm, page=True)
+            camera, pixel_mm = project.cameras[scan.camera], scan.scan_pixel_um / 1000
+            check_fits_camera(open_scan(scan.path), camera, pixel_mm, page=True)
         except ScanError as error:
-            checks.append([True, "error", {"text": error.told}])
+            unfit.append(error.told)
+    # One that does not fit is left out by a run; the others go on.
+    checks += [[len(unfit) == len(whole), "error", {"text": told}] for told in unfit[:1]]
     return checks
 
 

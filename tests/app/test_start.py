@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import cv2
 import pytest
 
 from app.folder_scan import is_plain
@@ -231,6 +232,23 @@ def test_broken_scans_and_a_reference_elsewhere_are_said_first__truth(data: Path
     assert len(told) > 1
     assert checks["outside"][0]
     assert "fiducials" in checks
+
+
+def test_a_scan_that_does_not_fit_its_camera_is_said_wherever_it_stands__truth(data: Path) -> None:
+    starting = Starting(data)
+    starting.save(values_of(starting) | {DISTANCE: 211.59})
+    scan = sorted((data / "scans").glob("*.tif"))[-1]
+    picture = cv2.imread(str(scan), cv2.IMREAD_UNCHANGED)
+    cv2.imwrite(str(scan), picture[: picture.shape[0] // 2])
+    told = [
+        (grave, values["text"])
+        for grave, name, values in starting.found()["checks"]
+        if name == "error"
+    ]
+    ((grave, text),) = told
+    assert not grave
+    assert scan.name in text
+    assert "does not fit" in text
 
 
 def test_a_block_in_the_list_tells_figures_open_faults_and_who_signed__truth(
