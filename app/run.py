@@ -374,7 +374,9 @@ class Run:
         misfit = make_misfit(
             self.session, self.given, mosaic, adjusted, dem, work.part(0.1, 1.0), anew=anew
         )
-        make_places(self.session, self.project, self.given, mosaic, adjusted, dem, (misfit, fits))
+        likely = make_places(
+            self.session, self.project, self.given, mosaic, adjusted, dem, (misfit, fits)
+        )
         return ReportContent(
             name=self.project.block.name,
             report=self.adjusted,
@@ -392,6 +394,7 @@ class Run:
             holes=mosaic.holes,
             change=made(self.results.change),
             misfit=misfit,
+            likely_faults=likely,
             sheets=self.results.sheets,
             timings_s=self.seconds,
             written=written_now(self.session.operator),

@@ -19,7 +19,7 @@ from app.report.accuracy import (
     residual_figures,
 )
 from app.report.checked import Checked, checked_by_hand, checked_part, decision_figures
-from app.report.mosaic import misfit_figures, mosaic_figures
+from app.report.mosaic import fault_figures, misfit_figures, mosaic_figures
 from app.report.protocol_figures import control_in_use, json_value, spread_figures
 from app.report.tables import final_status
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
@@ -29,7 +29,7 @@ from core.control.calibration_check import Bin, calibration_error
 from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.mosaic.comparison import MosaicAccuracy
-from core.mosaic.fault_places import misfit_findings
+from core.mosaic.fault_places import FaultPlace, misfit_findings
 from core.mosaic.misfit_places import Misfit
 from core.mosaic.seam_fit import SeamFit
 from core.mosaic.seams import Seam
@@ -106,6 +106,8 @@ class ReportContent:
     """Share of the ground that is `same` as today and that is `different`; empty: not known."""
     misfit: Misfit | None = None
     """The mosaic against the reference; None where there is none."""
+    likely_faults: Sequence[FaultPlace] = ()
+    """Places at which the mosaic is likely to be wrong, worst first."""
     sheets: Delivery | None = None
     """Map sheets that were cut from it; None where there are none."""
     comparisons: Mapping[str, MosaicAccuracy] = field(default_factory=dict[str, MosaicAccuracy])
@@ -169,6 +171,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         else mosaic_figures(content.mosaic, content.seams, content.holes or (), content.seam_fits),
         "change": dict(content.change),
         "misfit": misfit_figures(content.misfit),
+        "likely_faults": [fault_figures(place) for place in content.likely_faults],
         "sheets": [] if content.sheets is None else sheet_figures(content.sheets.files),
         "timings_s": dict(content.timings_s),
         "provenance": dict(content.provenance),
@@ -207,7 +210,7 @@ def _judged(
     )
     more = (
         *(() if checked is None else checked.findings),
-        *(() if content.misfit is None else misfit_findings(content.misfit.places)),
+        *misfit_findings(content.likely_faults),
         *fault_findings(standing_faults(content.decisions)),
     )
     findings = tuple(sorted((*more, *findings), key=lambda one: -one.grave))

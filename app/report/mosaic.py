@@ -13,6 +13,7 @@ from app.report.accuracy import histogram
 from app.report.drawing import draw_misfit
 from app.report.plots import draw_histogram
 from core.geometry.robust import robust_sigma
+from core.mosaic.fault_places import FaultPlace
 from core.mosaic.misfit_places import SURE, Misfit, MisfitPlace
 from core.mosaic.seam_fit import SeamFit
 from core.mosaic.seams import Seam
@@ -118,6 +119,21 @@ def place_figures(place: MisfitPlace) -> Figures:
         "significant": place.significant,
         "vectors": place.vectors,
         "radius_m": place.radius_m,
+    }
+
+
+def fault_figures(place: FaultPlace) -> Figures:
+    """One place at which the mosaic is likely to be wrong."""
+    return {
+        "kind": place.kind,
+        "position": [place.east, place.north],
+        "scans": list(place.photo_ids),
+        "shift_m": list(place.shift_m),
+        "length_m": place.length_m,
+        "sigma_m": place.sigma_m,
+        "predicted_m": list(place.predicted_m),
+        "significant": place.significant,
+        "height_m": place.height_m,
     }
 
 

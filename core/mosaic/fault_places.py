@@ -133,17 +133,13 @@ def worst_places(
     return tuple(_suspect_first(place, worst) for place in worst)
 
 
-def misfit_findings(places: Sequence[MisfitPlace | FaultPlace]) -> tuple[Finding, ...]:
+def misfit_findings(places: Sequence[FaultPlace]) -> tuple[Finding, ...]:
     """What the judgement of a block says of places off the reference; nothing without any.
 
     Args:
-        places: Where the mosaic was compared with the reference, worst first, or all likely faults.
+        places: All likely faults, worst first.
     """
-    off = [
-        one
-        for one in places
-        if one.significant and (isinstance(one, MisfitPlace) or one.kind == "reference")
-    ]
+    off = [one for one in places if one.significant and one.kind == "reference"]
     if not off:
         return ()
     told = {

@@ -1,6 +1,7 @@
 """The misfit of a mosaic is told of that mosaic alone, and is a table of every vector."""
 
 import csv
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,3 +37,11 @@ def test_the_table_has_a_row_for_every_vector__law(tiny_run: Tiny) -> None:
         heads, *told = csv.reader(file)
     assert heads == COLUMNS.split(",")
     assert [tuple(row) for row in told] == rows
+
+
+def test_the_report_has_every_likely_fault_worst_first__law(tiny_run: Tiny) -> None:
+    with Session.open(tiny_run.folder, "ada") as session:
+        _, places = session.products.latest_value(PLACES)
+    figures = json.loads((tiny_run.folder / "results/report.json").read_text(encoding="utf-8"))
+    told = [(one["kind"], *one["position"]) for one in figures["likely_faults"]]
+    assert told == [(place.kind, place.east, place.north) for place in places] != []
