@@ -444,9 +444,10 @@ def reading_findings(
         "limit": f"{limit_m:.2f}",
     }
     yield Finding("read-over" if over else "read-within", POOR if over else SOUND, values)
-    shift = {"east": f"{together.mean_m[0]:+.2f}", "north": f"{together.mean_m[1]:+.2f}"}
-    shifted = any(together.shifted)
-    yield Finding("read-shifted" if shifted else "read-unshifted", int(shifted), shift)
+    if np.isfinite(together.chance).any():
+        shift = {"east": f"{together.mean_m[0]:+.2f}", "north": f"{together.mean_m[1]:+.2f}"}
+        shifted = any(together.shifted)
+        yield Finding("read-shifted" if shifted else "read-unshifted", int(shifted), shift)
     least = -(-found.read * int(100 * DOUBLED_SHARE) // 100)
     second = {"doubled": str(found.doubled), "read": str(found.read), "least": str(least)}
     if found.doubled:

@@ -202,6 +202,12 @@ def test_few_readings_a_shift_and_a_single_observer_are_doubted__truth() -> None
     assert kinds(figures(0, 1.0)) == {"read-few": DOUBTFUL}
 
 
+def test_of_a_shift_nothing_is_said_before_there_is_a_scatter__law() -> None:
+    assert not {"read-shifted", "read-unshifted"} & kinds(figures(1, 1.0, shift=-28.8)).keys()
+    assert not {"read-shifted", "read-unshifted"} & kinds(figures(2, 1.0, shift=-28.8)).keys()
+    assert "read-shifted" in kinds(figures(3, 1.0, shift=-28.8))
+
+
 def test_a_mosaic_off_by_more_than_the_limit_is_not_good_enough__truth() -> None:
     assert kinds(figures(30, 3.0))["read-over"] == POOR
 
