@@ -212,6 +212,14 @@ def test_quality_leads_from_parts_bars_and_doubts__truth(sit):
     page.wait_for_selector("#quality", state="hidden")
 
 
+def test_a_row_that_is_clicked_is_nudged_by_arrows__law(sit):
+    page = sit(scene=False)
+    page.locator(".row").nth(2).click()
+    caught_up(page)
+    page.keyboard.press("Shift+ArrowRight")
+    page.wait_for_function("gruber.parts.point.draft")
+
+
 def test_enter_in_the_queue_chooses_a_row_and_drafts_nothing__law(sit):
     page = sit(scene=False)
     page.focus("#table")

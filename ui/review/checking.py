@@ -54,7 +54,8 @@ def decided_judgement(
         return ((gesture.said,) if _is_there(gesture.said, desk) else ()), None
     if desk.state.adjusting:
         return (), Notice("notice.sign-wait")
-    if gesture.verdict != "reject" and (desk.stale or not desk.mosaic_version):
+    on_disk = desk.mosaic_version and desk.state.written and not desk.stale
+    if gesture.verdict != "reject" and not on_disk:
         return (), Notice("notice.sign-stale", grave=True)
     if gesture.verdict != "accept" and not gesture.remark:
         return (), Notice("notice.sign-remark")

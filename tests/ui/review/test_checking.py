@@ -94,7 +94,9 @@ def test_a_reading_of_an_earlier_mosaic_is_open_again_and_counts_for_nothing__la
 
 @pytest.fixture(scope="module")
 def desk() -> DeskSnapshot:
-    return replace(tiny_snapshot(), mosaic_version=VERSION, stale=())
+    desk = tiny_snapshot()
+    state = replace(desk.state, written_of=desk.state.report)
+    return replace(desk, state=state, mosaic_version=VERSION, stale=())
 
 
 def test_a_signature_is_of_all_that_was_judged_and_says_when_that_changed__law(
@@ -117,7 +119,10 @@ def test_a_signature_is_of_all_that_was_judged_and_says_when_that_changed__law(
 def test_nobody_signs_what_does_not_stand__law(desk: DeskSnapshot) -> None:
     busy = replace(desk, state=replace(desk.state, adjusting=True))
     stale = replace(desk, stale=("A",))
+    unwritten = replace(desk, state=replace(desk.state, written_of=None))
     for gesture, at in (
+        (BlockSigned("s", "accept", "seen"), unwritten),
+        (BlockSigned("s", "accept", "seen"), stale),
         (BlockSigned("s", "accept", ""), busy),
         (BlockSigned("s", "accept", ""), stale),
         (BlockSigned("s", "accept", ""), replace(desk, mosaic_version="")),

@@ -79,11 +79,11 @@ export function listenToKeys(take) {
       hand.held = null;
     }, true);
   }
-  // A button pressed by pointer does not keep the keys; by key it does, for the next press.
+  // A button or row pressed by pointer does not keep the keys: arrows nudge what was chosen.
   window.addEventListener("click", ({ detail }) => {
     if (!detail) return;
     hand.held = null;
-    if (focused()?.tagName === "BUTTON") focused()?.blur();
+    if (focused()?.matches("button, [role=listbox]")) focused()?.blur();
   });
   return takes;
 }

@@ -151,6 +151,8 @@ const AIMS = {
   "one-check": CHECKS, "checks-few": CHECKS, "checks-better": CHECKS, "checks-worse": CHECKS,
   "checks-over": CHECKS,
 };
+/** Doubts about how a photo was flown: no measurement of it tells why. */
+const FLOWN = ["tilt-over", "crab-over"];
 /**
  * Where doubts lead that the queue has nothing of.
  * @type {Record<string, ((values: Record<string, string>) => void) | undefined>}
@@ -183,7 +185,7 @@ function lookFor({ photos: flown }, text, values) {
   /** @type {(Aim | false | undefined)[]} */
   const aims = [
     Boolean(worst && photo && !more) && { state: among, key: [worst, photo] },
-    isPhoto && { photo: worst },
+    isPhoto && !FLOWN.includes(kind) && { photo: worst },
     Boolean(CLASS_ROLES[of]) && { state: "open", role: CLASS_ROLES[of], worst: true },
     AIMS[kind],
   ];
