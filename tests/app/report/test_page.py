@@ -185,6 +185,16 @@ def test_the_first_page_has_every_requirement_who_and_when__truth(written):
     assert "Decisions: 2, by anna, 2025-11-20 10:00 to 2025-11-20 10:01 UTC; taken back: 1" in text
 
 
+def test_the_first_page_says_the_verdict_above_the_table_as_its_chapter_does__law(written):
+    page, figures = written
+    front = page[page.index('<section class="front">') : page.index('<table class="wanted">')]
+    verdict = re.search(r"<h2 id=\"verdict\"><small>[^<]*</small>([^<]+)</h2>", page)[1]
+    assert f"<b>{verdict}</b>" in front
+    for grave in range(3):
+        told = {**figures, "verdict": [{**figures["verdict"][0], "grave": grave}]}
+        assert TELL(f"report.verdict.{grave}", count=1) in render(told).split("<table")[0]
+
+
 def test_what_stands_in_the_table_is_what_the_verdict_says__law(written):
     figures = written[1]
     doubtful = {row["name"] for row in requirements(figures, TELL) if row["grave"]}
