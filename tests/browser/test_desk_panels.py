@@ -67,6 +67,10 @@ def test_a_verdict_takes_exactly_the_rows_that_look_marked__law(sit):
     for key in (second, third):
         page.click(f'.row[data-key="{key}"]', modifiers=["Control"])
     assert looking_marked(page) == {first, second, third}
+    # What decides tells about how many; the effect of one of them is not that of all.
+    assert page.text_content("#acts [data-act=reject] > span") == "Reject 3"
+    assert "together" in page.text_content("#trial")
+    assert "\u2192" not in page.text_content("#trial") + page.text_content("#neighbours")
     # Taken out again, the current row is still shown, and no longer looks marked.
     page.click(f'.row[data-key="{first}"]', modifiers=["Control"])
     assert looking_marked(page) == {second, third}
@@ -75,6 +79,7 @@ def test_a_verdict_takes_exactly_the_rows_that_look_marked__law(sit):
     assert looking_marked(page) == {first, second}
     page.keyboard.press("m")
     page.wait_for_function("gruber.parts.status.decided === 2")
+    assert page.text_content("#acts [data-act=reject] > span") == "Reject"
     assert {key: state_of(page, key) for key in (first, second, third)} == {
         first: "dubious", second: "dubious", third: "auto",
     }  # fmt: skip

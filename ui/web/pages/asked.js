@@ -6,6 +6,8 @@ import { send } from "./wire.js";
 const REASON_MS = 6000; // design: time to read five reasons; after it digits mean nothing
 const state = {
   point: /** @type {Point | null} */ (null),
+  /** How many rows are marked: nothing is asked about one of them. */
+  many: 0,
   /** The measurements just rejected, and until when a digit is their reason. */
   explaining: /** @type {Key[]} */ ([]),
   until: 0,
@@ -15,6 +17,13 @@ const state = {
 /** @param {Point | null} point */
 export function askAbout(point) {
   state.point = point;
+  show();
+}
+
+/** @param {number} many rows that are marked */
+export function askAboutMany(many) {
+  if (many === state.many) return;
+  state.many = many;
   show();
 }
 
@@ -47,7 +56,8 @@ export const proposalsOf = ({ key: [name], others }) => others
   .filter(({ state: known }) => known === "proposed").map(({ photo }) => [name, photo]);
 
 function show() {
-  const { point, explaining, until } = state;
+  const { explaining, many, until } = state;
+  const point = many ? null : state.point;
   const why = explaining.length > 0 && Date.now() < until && !point?.draft?.asking;
   const room = byId("asked");
   room.className = why ? "why" : point?.draft ? (point.draft.asking ? "against" : "draft") : "";
@@ -57,6 +67,7 @@ function show() {
   byId("proposals").hidden = !count;
   byId("proposals-said").textContent = word("proposals", { count });
   byId("hint").hidden = why || Boolean(point?.draft) || count > 0;
+  byId("hint").textContent = many ? word("many.hint") : word("place.hint");
   if (why) showReasons(explaining);
   if (!why && point?.draft) showDraft(point);
   // What is hidden is read out all the same.

@@ -3,8 +3,8 @@ import {
   all, byId, element, fillWords, focused, glyph, keyName, learnNames, start, stateGlyph, tip, word,
 } from "./words.js";
 import { areaShown, clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "./queue.js";
-import { showPoint } from "./point.js";
-import { askAbout, askWhy, dropDraft, explain, proposalsOf } from "./asked.js";
+import { showMany, showPoint } from "./point.js";
+import { askAbout, askAboutMany, askWhy, dropDraft, explain, proposalsOf } from "./asked.js";
 import {
   blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
 } from "./compare.js";
@@ -415,7 +415,10 @@ async function open() {
   learnNames(start.photos);
   setUpButtons();
   setUpLayout();
-  setUpQueue();
+  setUpQueue((count) => {
+    showMany(count);
+    askAboutMany(count);
+  });
   setUpCompare();
   setUpScene();
   setUpPeople();

@@ -11,11 +11,32 @@ const UNCHECKED = 0.1; // design: less than a tenth of an error would show in th
 const STATE_ACTS = { accepted: "accept", rejected: "reject", dubious: "dubious" };
 const PARTS = ["figures", "off", "why", "trial", "doubts", "neighbours", "point-name"];
 const TO_MEASURE = ["predicted", "proposed"];
+/** What is decided about all marked rows at once. */
+const VERDICTS = ["accept", "reject", "dubious", "invisible"];
 const LINES = 2; // design: what fits in sight, the rest is folded
 const LINE_PX = 20; // a reason that is higher takes both
 
+const shown = {
+  point: /** @type {Point | null} */ (null),
+  /** How many rows are marked, to be decided together. */
+  many: 0,
+};
+
+/** What decides tells how many rows it is about. @param {number} many rows that are marked */
+export function showMany(many) {
+  if (many === shown.many) return;
+  shown.many = many;
+  byId("acts").classList.toggle("many", many > 0);
+  for (const act of VERDICTS) {
+    const said = many ? word(`act.${act}.many`, { count: many }) : word(`act.${act}`);
+    first(`#acts [data-act=${act}] > span`).textContent = said;
+  }
+  if (shown.point) showTrial(shown.point);
+}
+
 /** @param {Point | null} point */
 export function showPoint(point) {
+  shown.point = point;
   byId("nothing").hidden = point !== null;
   for (const name of PARTS) byId(name).replaceChildren();
   for (const button of all("#acts button")) {
@@ -190,6 +211,8 @@ function showWhy({ figures: { remark }, readings, state, why }) {
  * @param {Point} point
  */
 function showTrial({ draft, figures, others, role, state, trial }) {
+  byId("neighbours").replaceChildren();
+  if (shown.many) return showEffect("trial.effect", [word("trial.many")]);
   if (role === "new") return showCoordinates(figures, others);
   const lines = [];
   const title = draft ? "trial.draft" : !trial || state === "predicted" ? "trial.effect"
@@ -202,16 +225,20 @@ function showTrial({ draft, figures, others, role, state, trial }) {
     const values = { now, sigma, shift: number(trial.shift, 2), photo: shortName(trial.photo) };
     lines.push(word("trial.sigma", values), word("trial.shift", values));
   }
-  byId("trial").replaceChildren(element("h3", {}, word(title)),
-    ...lines.map((line) => element("div", { class: "figure", title: line }, line)));
+  showEffect(title, lines);
   const beside = (trial?.neighbours ?? []).map(([name, , now, then]) => {
     const kind = then > now + 0.02 ? "worse" : then < now - 0.02 ? "better" : "muted";
     return element("div", { class: "figure neighbour" }, span(shortPoint(name), ""),
       span(`${number(now, 2)} \u2192 ${number(then, 2)} px`, kind));
   });
-  byId("neighbours").replaceChildren(...(beside.length
-    ? [element("h3", {}, word("trial.neighbours")), ...beside] : []));
+  if (!beside.length) return;
+  byId("neighbours").replaceChildren(element("h3", {}, word("trial.neighbours")), ...beside);
 }
+
+/** @param {string} title @param {string[]} lines */
+const showEffect = (title, lines) => byId("trial").replaceChildren(
+  element("h3", {}, word(title)),
+  ...lines.map((line) => element("div", { class: "figure", title: line }, line)));
 
 /**
  * What the adjustment makes of a new point; from one scan alone its ray is known.
@@ -222,8 +249,7 @@ function showCoordinates({ surveyed, surveyed_sigma: sigma }, others) {
   const lines = count < 2 ? [word("coordinates.wait", { count })]
     : ["E", "N", "H"].map((axis, n) =>
       `${axis} ${number(surveyed[n], 2)} \u00b1${number(sigma[n], 2)} m`);
-  byId("trial").replaceChildren(element("h3", {}, word("coordinates")),
-    ...lines.map((line) => element("div", { class: "figure", title: line }, line)));
+  showEffect("coordinates", lines);
 }
 
 /** @param {Point | null} point */

@@ -38,6 +38,8 @@ const state = {
   anchor: -1,
   /** True from a sort by hand until it is shown: one looks for the first then. */
   sorted: false,
+  /** Hears how many rows are marked. */
+  tellMarked: (/** @type {number} */ _count) => {},
 };
 
 /** @param {number} index @returns {Key} */
@@ -88,7 +90,9 @@ function pointAt(event, index) {
   showQueue({});
 }
 
-export function setUpQueue() {
+/** @param {(count: number) => void} tellMarked hears how many rows are marked */
+export function setUpQueue(tellMarked) {
+  state.tellMarked = tellMarked;
   for (const name of STATES) {
     const look = /** @type {State} */ (LOOKS[name] ?? name);
     const mark = PLAIN.includes(name) ? null : stateGlyph(look, 13);
@@ -301,6 +305,7 @@ function showPlace({ current, shown, counts, filter }) {
   const { marked } = state;
   const inSight = new Set(marked.size ? shown.map(textOf) : []);
   for (const key of marked) if (!inSight.has(key)) marked.delete(key);
+  state.tellMarked(marked.size);
   const place = shown.indexOf(current);
   const values = { here: place < 0 ? "\u2013" : place + 1, all: shown.length };
   byId("queue-place").classList.toggle("many", marked.size > 0);
