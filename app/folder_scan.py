@@ -172,7 +172,9 @@ def look_at(files: list[Path]) -> Findings:
     """Look into files."""
     unreadable: list[Path] = []
     opened = _each(files, RASTERS, _raster, unreadable)
-    rasters = [raster for raster in opened if raster.kind != "scan" or _is_whole(raster.path)]
+    rasters = [
+        raster for raster in opened if raster.kind != "scan" or not why_unreadable(raster.path)
+    ]
     unreadable += [raster.path for raster in opened if raster not in rasters]
     layers = _each(files, VECTORS, _layers, unreadable)
     tables = _each(files, TABLES - {".points"}, _header, unreadable=[])
@@ -186,20 +188,23 @@ def look_at(files: list[Path]) -> Findings:
     )
 
 
-def _is_whole(path: Path) -> bool:
-    """False for a scan that was cut off, or is none."""
-    stat = path.stat()
-    return _was_whole(path, stat.st_size, stat.st_mtime_ns)
+def why_unreadable(path: Path) -> str:
+    """Why a scan cannot be read, such as one that was cut off; empty where it can."""
+    try:
+        stat = path.stat()
+    except OSError:
+        return _why(path, 0, 0)
+    return _why(path, stat.st_size, stat.st_mtime_ns)
 
 
 @lru_cache(maxsize=4096)
-def _was_whole(path: Path, _size: int, _changed_ns: int) -> bool:
+def _why(path: Path, _size: int, _changed_ns: int) -> str:
     """As a file was when it was last written: a form that is typed in asks again and again."""
     try:
         open_scan(path)
-    except ScanError:
-        return False
-    return True
+    except ScanError as error:
+        return error.cause
+    return ""
 
 
 def _unused(files: list[Path]) -> Iterator[Path]:

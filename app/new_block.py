@@ -10,9 +10,9 @@ from typing import Any, cast
 import numpy as np
 from pyproj import CRS
 
-from app.block_toml import FILE
+from app.block_toml import FILE, RASTERS
 from app.block_writing import toml_value
-from app.folder_scan import Findings, FoundLayer, FoundRaster, Kind, find
+from app.folder_scan import Findings, FoundLayer, FoundRaster, Kind, find, why_unreadable
 from core.errors import CrsError, ProjectError
 from core.geometry.crs import parse_crs, short_name
 from core.georeference.archive import GeoreferenceKind
@@ -411,7 +411,10 @@ def _table(folder: Path, findings: Findings, header: tuple[str, ...]) -> str | N
 
 def _notes(folder: Path, findings: Findings, crs: CRS | None) -> Iterable[Note]:
     for path in findings.unreadable:
-        yield Note("unreadable", {"file": _relative(folder, path)})
+        file = _relative(folder, path)
+        why = why_unreadable(path) if path.suffix.lower() in RASTERS else ""
+        values = {"file": file, "why": why}
+        yield Note("broken", values) if why else Note("unreadable", {"file": file})
     yield from _unused(folder, findings)
     try:
         if crs is not None:

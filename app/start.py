@@ -380,7 +380,7 @@ class Starting:
         try:
             stat = path.stat()
         except OSError:
-            return {"photo": path.stem, "file": path.name, "why": "gone"}
+            return {"photo": path.stem, "file": path.name, "why": say("The file is missing.")}
         key = (path, stat.st_size, stat.st_mtime_ns)
         if key not in self._looked:
             try:

@@ -124,7 +124,8 @@ def _scans(project: Project, scans: Mapping[str, str]) -> list[Check]:
     checks: list[Check] = []
     if broken:
         every = len(broken) == len(listed)
-        checks.append([every, "broken", {"count": len(broken), "first": broken[0]}])
+        checks.append([every, "broken", {"count": len(broken), "first": broken[0],
+                                          "why": scans[broken[0]]}])  # fmt: skip
     whole = [scan for scan in listed if scan.path.name not in broken]
     unfit: list[str] = []
     for scan in whole:

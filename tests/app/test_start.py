@@ -23,6 +23,7 @@ from sessions.session import FILE as SESSION_FILE
 from sessions.session import Session
 from tests.core.scans.test_margin import scan_with_print
 from tests.tiny import Tiny
+from ui.words.catalogue import Teller
 
 DISTANCE = "camera.film.principal_distance_mm"
 MARKS = {"1": [-85.589, 0.091], "2": [85.303, -0.002], "3": [0.121, 85.589], "4": [-0.075, -85.322]}
@@ -224,7 +225,9 @@ def test_broken_scans_and_a_reference_elsewhere_are_said_first__truth(data: Path
     found = starting.found()
     assert [bool(one["why"]) for one in found["scans"]] == [True, False, False, False, False, False]
     checks = {name: (grave, values) for grave, name, values in found["checks"]}
-    assert checks["broken"] == (False, {"count": 1, "first": scan.name})
+    why = found["scans"][0]["why"]
+    assert checks["broken"] == (False, {"count": 1, "first": scan.name, "why": why})
+    assert "cut off" in why
     # Broken ones stand first: among the scans, and among what does not stop a run.
     assert [one["why"] != "" for one in found["scans"]] == [True] + 5 * [False]
     told = [name for grave, name, _ in found["checks"] if not grave]
@@ -344,15 +347,25 @@ def test_a_scan_that_was_cut_off_is_not_counted_and_a_readme_is_told__truth(data
     first, *others = sorted((data / "scans").glob("*.tif"))
     (data / "scans" / f"{first.name}.aux.xml").touch()
     first.write_bytes(first.read_bytes()[:-2000])
+    (data / "scans" / "text.tif").write_text("No picture.", encoding="utf-8")
     (data / "session.gpkg-wal").touch()
     (data / "block.toml").write_text("[block]\n", encoding="utf-8")
     found = Starting(data).found()
     assert dict(found["found"])["scans"].startswith(f"{len(others)}: ")
-    assert [scan["file"] for scan in found["scans"] if scan["why"]] == [first.name]
+    assert [scan["file"] for scan in found["scans"] if scan["why"]] == [first.name, "text.tif"]
     named = {
         name: [v["file"] for n, v in found["notes"] if n == name] for name, _ in found["notes"]
     }
-    assert named == {"unreadable": [f"scans/{first.name}"], "unused": ["about.pdf", "readme.txt"]}
+    broken = {f"scans/{first.name}": "was cut off: its", "scans/text.tif": "not an image"}
+    assert set(named.pop("broken")) == set(broken)
+    assert named == {"unused": ["about.pdf", "readme.txt"]}
+    why = {v["file"]: v["why"] for n, v in found["notes"] if n == "broken"}
+    for language in ("en", "cs"):
+        for file, part in broken.items():
+            told = Teller(language)("found.note.broken", file=file, why=why[file])
+            assert file in told
+            assert Teller(language).again(why[file]) in told
+            assert part in why[file]
 
 
 def test_a_field_says_what_is_to_be_typed_into_it__truth(data: Path) -> None:

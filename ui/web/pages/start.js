@@ -124,7 +124,7 @@ function holdings({ found, gaps, notes, links, added }) {
     out === "nothing" ? "\u2717" : "!", word(`gap.${name}`),
     element("small", {}, word(`gap.out.${out}`))));
   const noted = (/** @type {boolean} */ broken) =>
-    notes.filter(([name]) => (name === "unreadable") === broken)
+    notes.filter(([name]) => ["unreadable", "broken"].includes(name) === broken)
       .map(([name, values]) => line(broken ? "needs" : "lacks", broken ? "\u2717" : "!",
         word(`found.note.${name}`, values)));
   const away = (/** @type {string} */ name, /** @type {string} */ sign,

@@ -125,7 +125,7 @@ export function showScans(scans) {
 /** @param {FoundScan} scan */
 function thumbPart(scan) {
   const { photo, file, size, why, bytes } = scan;
-  const said = why ? word(why === "gone" ? "start.gone" : "start.unreadable")
+  const said = why ? word(bytes === undefined ? "start.gone" : "start.unreadable")
     : `${size?.join("\u00d7")}\n${fileSize(bytes ?? 0)}`;
   return element("button", {
     type: "button", class: `thumb${why ? " bad" : ""}`, "data-photo": photo,
