@@ -34,6 +34,7 @@ from core.mosaic.misfit_places import Misfit
 from core.mosaic.seam_fit import SeamFit
 from core.mosaic.seams import Seam
 from core.quality.assessment import assess_block
+from core.quality.controllability import unchecked_control
 from core.quality.residuals import displacement
 from core.quality.rules import Finding, Release, check_release, human_doubts, judge_block
 from core.raster.holes import Hole
@@ -283,12 +284,12 @@ def _control_figures(report: AdjustmentReport) -> dict[str, Any]:
     final = {key: final_status(report, m) for key, m in block.measurements.items()}
     control = [key for key in final if block.surveyed[key[0]].role == "control"]
     used = [key for key in control if final[key][0] in ("auto", "accepted")]
-    redundancy = [report.redundancy_numbers.get(key) for key in used]
-    unchecked = [key for key, r in zip(used, redundancy, strict=True) if r is not None and r < 0.1]
     return {
         "points_used": len({point for point, _ in used}),
         "by_status": dict(Counter(final[key][0] for key in control)),
-        "unchecked": [{"point_id": point, "scan": scan} for point, scan in unchecked],
+        "unchecked": [
+            {"point_id": point, "scan": scan} for point, scan in unchecked_control(report)
+        ],
         "left_out": [
             {
                 "point_id": point,

@@ -19,6 +19,7 @@ from core.doubts import Doubt
 from core.quality.assessment import BlockQuality, Overlap, assess_block
 from core.quality.check_points import CheckFigures, independent_checks, kept_out
 from core.quality.control_count import ControlCount
+from core.quality.controllability import unchecked_control
 from core.quality.sentences import CLASSES, SENTENCES
 from core.raster.holes import Hole
 from core.said import Said, say
@@ -41,8 +42,6 @@ LINE = 0.05  # design: heights within a twentieth of their length, or of a photo
 """Extent across of all height control, as a share of that along or of a photo's side."""
 CELLS_HELD = 6  # design: two thirds of the nine Gruber areas.
 """Of nine parts of the block so many need control; of a photo's nine so many need measurements."""
-# design: only an error of 13 standard deviations would be found (4.13 / sqrt 0.1, Baarda 1968).
-UNCHECKED = 0.1
 """Redundancy number below which no other measurement would show an error."""
 MANY_RAYS = 0.4  # design: at 60 % overlap half of a photo is seen three times.
 """Share of tie points that three photos or more should show."""
@@ -292,7 +291,7 @@ def _control_findings(found: BlockQuality, report: AdjustmentReport) -> list[Fin
     findings = [] if found.control_by_flight else _amount_findings(found, report)
     if findings and findings[0].kind == "control-few":
         return findings
-    weak = [key for key, number in report.redundancy_numbers.items() if number < UNCHECKED]
+    weak = unchecked_control(report)
     if weak:
         told = {"count": str(len(weak)), "worst": weak[0][0], "photo": weak[0][1]}
         findings.append(Finding("unchecked", DOUBTFUL, told))

@@ -7,7 +7,7 @@ that the block contradicts has pulled the block towards itself: its sigmas are t
 which leaves it out.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,29 +82,6 @@ def _alone(block: Block) -> set[Key]:
         if key[0] in rays and item.used:
             rays[key[0]].append(key)
     return {keys[0] for keys in rays.values() if len(keys) == 1}
-
-
-def controllability(state: DeskState) -> Mapping[Key, float]:
-    """Share of an error in a measurement that would show up in its misfit, 0 to 1.
-
-    The redundancy number of the measurement, and its share of that of the point's coordinates,
-    which are observations too.
-    """
-    report = state.report
-    surveyed = state.block.surveyed
-    scans: dict[str, int] = {}
-    for point_id, _ in report.redundancy_numbers:
-        scans[point_id] = scans.get(point_id, 0) + 1
-    unit = max(report.sigma_nought, 1e-6)
-    found: dict[Key, float] = {}
-    for key, own in report.redundancy_numbers.items():
-        after, point = report.surveyed_sigmas_m.get(key[0]), surveyed.get(key[0])
-        shared = 0.0
-        if after is not None and point is not None:
-            share = 1 - float(np.mean((after[:2] / unit / point.sigma_m[:2]) ** 2))
-            shared = min(max(share, 0.0), 1.0) / scans[key[0]]
-        found[key] = min(own + shared, 1.0)
-    return found
 
 
 def _in_photo(

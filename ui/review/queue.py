@@ -7,10 +7,11 @@ from typing import Any
 
 from core.adjustment.expected_gain import Gain
 from core.block import Measurement
+from core.quality.controllability import controllability
 from ui.review.drafts import by_hand
 from ui.review.grounds import grounds_of
 from ui.review.looks import ShownState, short
-from ui.review.misfit import Misfit, controllability, misfits
+from ui.review.misfit import Misfit, misfits
 from ui.review.second_reading import readings_of
 from ui.review.state import (
     POINT_KINDS,
@@ -190,7 +191,7 @@ def queue_figures(state: DeskState) -> QueueFigures:
     keys = (*state.block.measurements, *state.extra.measurements, *state.to_measure.proposals)
     disputed = {one.key: one.metres for one in state.report.contradictions}
     return QueueFigures(
-        misfits(state, keys), controllability(state), state.evidence.gains, disputed,
+        misfits(state, keys), controllability(state.report), state.evidence.gains, disputed,
         worth_of_rows(state),
     )  # fmt: skip
 

@@ -12,6 +12,7 @@ from core.adjustment.influence import influence_of
 from core.block import TiePoints
 from core.quality.assessment import assess_block
 from core.quality.check_points import STANDARD_LEAST
+from core.quality.controllability import unchecked_control
 from core.quality.readings import judge_rules
 from core.quality.residuals import displacement
 from core.quality.rules import (
@@ -286,7 +287,7 @@ def test_no_control_and_too_little_are_one_finding__truth(block):
 
 
 def test_uncheckable_control_is_named__truth(block):
-    """One photo and three points: nothing is left over to check them."""
+    """One photo and three known points: nothing is left over to check them."""
     one = with_photos(block, {"00_000"})
     loose = replace(
         one.photos["00_000"].prior, sigma_centre_m=np.full(3, 1e4), sigma_angles=np.full(3, 10.0)
@@ -294,11 +295,15 @@ def test_uncheckable_control_is_named__truth(block):
     photo = replace(one.photos["00_000"], prior=loose)
     names = sorted({key[0] for key in one.measurements})[:4]
     four = {key: m for key, m in one.measurements.items() if key[0] in names}
+    unknown = replace(one.surveyed[names[0]], sigma_m=np.full(3, 1e4))
     report = adjust_block(
-        replace(one, photos={"00_000": photo}, measurements=four, ties=TiePoints.none()),
+        replace(
+            one, photos={"00_000": photo}, surveyed={**one.surveyed, names[0]: unknown},
+            measurements=four, ties=TiePoints.none(),
+        ),
         PLAIN,
-    )
-    weak = {key for key, number in report.redundancy_numbers.items() if number < 0.1}
+    )  # fmt: skip
+    weak = unchecked_control(report)
     assert int(finding(report, "unchecked").values["count"]) == len(weak) > 0
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.ui.desk_block import adjust, tiny_block, tiny_snapshot
-from ui.review.misfit import controllability, misfits
+from ui.review.misfit import misfits
 from ui.review.state import DeskState
 
 
@@ -53,10 +53,3 @@ def test_ratios_are_lengths_in_standard_deviations__truth(state):
     good = [ratio for key, ratio in ratios.items() if key not in blunders]
     assert np.median(good) < 1.2
     assert np.median([ratios[key] for key in blunders]) > 4 * np.median(good)
-
-
-def test_controllability_lies_between_none_and_all__law(state):
-    found = controllability(state)
-    assert set(found) == set(state.report.redundancy_numbers)
-    for key, value in found.items():
-        assert state.report.redundancy_numbers[key] <= value <= 1
