@@ -28,6 +28,10 @@ from sessions.products import Products
 from sessions.scan_decisions import said_of_scans
 from sessions.session import Session
 
+# design: aerial cameras have 85 to 610 mm at 230 mm, which is 0.37 to 2.65 of the frame's longer
+# side; beyond these a digit or the decimal point is wrong.
+SHORTEST, LONGEST = 0.3, 6.0
+"""Principal distance in longer sides of the frame that no camera of film has less or more of."""
 Check = list[Any]
 """Whether it stops the run, its text `check.NAME`, and the values in it."""
 
@@ -86,6 +90,7 @@ def checks_of(
         outlines: Where its files lie.
     """
     checks = [*_data(project), *_scans(project, scans), *_places(project, outlines)]
+    checks += _distances(project)
     if not all(camera.fiducials_mm for camera in project.cameras.values()):
         checks.append([False, "fiducials", {}])
     # A file that cannot be read comes before what else a run would put up with.
@@ -137,6 +142,16 @@ def _scans(project: Project, scans: Mapping[str, str]) -> list[Check]:
     # One that does not fit is left out by a run; the others go on.
     checks += [[len(unfit) == len(whole), "error", {"text": told}] for told in unfit[:1]]
     return checks
+
+
+def _distances(project: Project) -> Iterator[Check]:
+    """Principal distances that no camera has, told by the field of view that they would make."""
+    for name, camera in project.cameras.items():
+        distance_mm, side_mm = camera.principal_distance_mm, max(camera.frame_mm)
+        if not SHORTEST <= distance_mm / side_mm <= LONGEST:
+            field_deg = float(2 * np.degrees(np.arctan(camera.half_mm / distance_mm)))
+            values = {"distance": distance_mm, "frame": side_mm, "field": field_deg, "name": name}
+            yield [False, "distance", values]
 
 
 def _places(project: Project, outlines: Sequence[Outline]) -> list[Check]:

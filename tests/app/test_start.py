@@ -254,6 +254,24 @@ def test_a_scan_that_does_not_fit_its_camera_is_said_wherever_it_stands__truth(d
     assert "does not fit" in text
 
 
+@pytest.mark.parametrize(
+    ("distance_mm", "told"),
+    [(15.192, "15.192 mm for a frame of 180 mm is a field of view of 161 degrees"),
+     (1519.2, "is a field of view of 7 degrees"), (70.4, ""), (477.4, "")],
+)  # fmt: skip
+def test_a_principal_distance_that_no_camera_has_is_told__truth(
+    data: Path, distance_mm: float, told: str
+) -> None:
+    """A slip of the decimal point passed; the last two are 85 and 610 mm at 230 mm, scaled."""
+    starting = Starting(data)
+    starting.save(values_of(starting) | {DISTANCE: distance_mm})
+    checks = [one for one in starting.found()["checks"] if one[1] == "distance"]
+    assert [grave for grave, _, _ in checks] == [False] * bool(told)
+    for _, _, values in checks:
+        assert told in Teller("en")("check.distance", **values)
+        assert "principal_distance_mm" in Teller("cs")("check.distance", **values)
+
+
 def test_a_block_in_the_list_tells_figures_open_faults_and_who_signed__truth(
     tiny_run: Tiny, tmp_path: Path
 ) -> None:
