@@ -117,5 +117,11 @@ def test_all_scans_of_a_point_stand_in_equal_pictures__law(page):
     page.click("#together button:not(.on)")
     gone_on(page, point)
     assert current(page).split("|")[0] == point.split("|")[0]
-    page.keyboard.press("z")
+    # What would change nothing here is out of use, its key as well.
+    page.keyboard.press("o")
+    page.wait_for_selector("[data-act=edges]:disabled")
+    assert not page.evaluate("gruber.compareState().edges")
+    assert page.locator("[data-act=wallis]").is_enabled()
+    page.keyboard.press("Escape")
     page.wait_for_selector("#together", state="hidden")
+    page.wait_for_selector("[data-act=edges]:enabled")

@@ -16,7 +16,7 @@ import {
 import {
   drawEllipse, drawPatch, drawReadings, ellipseRadius, rawFromGround,
 } from "./expected.js";
-import { beside, drawTogether } from "./together.js";
+import { beside, drawTogether, showTools, worksTogether } from "./together.js";
 import { finishBefore, send } from "./wire.js";
 
 /** @typedef {"ortho" | "scan" | "swipe" | "blend"} Content */
@@ -26,8 +26,6 @@ import { finishBefore, send } from "./wire.js";
  *   | "adding"} Switch
  */
 
-const SWITCHES = /** @type {Switch[]} */ (
-  ["wallis", "raw", "likeness", "marks", "edges", "flicker", "together", "adding"]);
 /** @type {("mode" | "share" | "contrast" | "wallis" | "raw" | "marks" | "edges")[]} */
 const KEPT = ["mode", "share", "contrast", "wallis", "raw", "marks", "edges"];
 const NEAR_PX = 40; // design: other peaks are shown where the pointer is, and hide nothing
@@ -148,13 +146,17 @@ export function fitCompare() {
 
 /** @param {Switch} what */
 export function switchCompare(what) {
+  if (isTogether() && !worksTogether(what)) return;
   state.look[what] = !state.look[what];
+  if (what === "together") state.look.adding = false;
   redraw();
 }
 
+const isTogether = () => state.look.together && state.point !== null;
+
 /** @param {boolean} on */
 export function blink(on) {
-  if (state.look.blink === on) return;
+  if (state.look.blink === on || (on && isTogether())) return;
   state.look.blink = on;
   redraw();
 }
@@ -226,12 +228,10 @@ const showsRaw = (pane) => state.look.raw && contentOf(pane) === "scan";
 
 function drawAll() {
   const { look, point, panes } = state;
-  for (const name of SWITCHES) {
-    const act = name === "adding" ? "add" : name;
-    for (const button of all(`[data-act=${act}]`)) turn(button, look[name]);
-  }
-  flicker(look.flicker, blink);
-  byId("together").hidden = !look.together || !point;
+  const together = isTogether();
+  showTools(look, together);
+  flicker(look.flicker && !together, blink);
+  byId("together").hidden = !together;
   byId("adding").hidden = !look.adding;
   byId("panes").classList.toggle("adding", look.adding);
   if (!point) return clear();

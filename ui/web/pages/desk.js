@@ -176,6 +176,14 @@ const REPEATS = new Set(["next", "previous"]);
 /** The key that opened a sheet closes it. @type {Record<string, string>} */
 const CLOSED_BY = { quality: "KeyB", help: "KeyH" };
 
+/** True when all scans were in sight, and are no longer. */
+function leaveTogether() {
+  const { point, together } = compareState();
+  if (!point || !together) return false;
+  switchCompare("together");
+  return true;
+}
+
 /** True when the key is ours. @param {KeyboardEvent} event */
 function takeKey(event) {
   const sheet = document.querySelector("dialog[open]");
@@ -191,7 +199,7 @@ function takeKey(event) {
   }
   if (event.key === "Escape" && down) {
     finish();
-    inTurn(() => dropDraft() || closeSight() || leavePhoto() || leaveTies());
+    inTurn(() => dropDraft() || leaveTogether() || closeSight() || leavePhoto() || leaveTies());
     return true;
   }
   return pictureKey(event, down) || actKey(event, down, KEYS[letterOf(event)]);

@@ -2,8 +2,34 @@
 import { cleared, crosshair } from "./overlay.js";
 import { drawLayer, layerFromGround, orthoLayer, scanLayer } from "./tiles.js";
 import { View } from "./view.js";
-import { all, byId, element, number, renew, shortName, start, stateGlyph, word } from "./words.js";
+import {
+  all, byId, element, number, renew, shortName, start, stateGlyph, turn, word,
+} from "./words.js";
 import { send } from "./wire.js";
+
+/** @typedef {import("./compare.js").Switch} Switch */
+
+const SWITCHES = /** @type {Switch[]} */ (
+  ["wallis", "raw", "likeness", "marks", "edges", "flicker", "together", "adding"]);
+const REST = "[data-act=blink], #modes button, #contrast, #swipe";
+
+/** @param {Switch} what */
+export const worksTogether = (what) => what === "wallis" || what === "together";
+
+/**
+ * What would change nothing in all scans is out of use there, and does not look as if it did.
+ * @param {Record<Switch, boolean>} look @param {boolean} together
+ */
+export function showTools(look, together) {
+  for (const name of SWITCHES) {
+    const idle = together && !worksTogether(name);
+    for (const button of all(`[data-act=${name === "adding" ? "add" : name}]`)) {
+      turn(button, look[name] && !idle);
+      button.toggleAttribute("disabled", idle);
+    }
+  }
+  for (const tool of all(REST, byId("tools"))) tool.toggleAttribute("disabled", together);
+}
 
 /** @param {Point} point */
 const shapeOf = ({ key, others }) => JSON.stringify([key, others]);
