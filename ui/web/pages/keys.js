@@ -20,7 +20,7 @@ const WRITES = ["TEXTAREA", "SELECT", "INPUT"];
  */
 export function focusUses({ key, target }) {
   const { tagName, type, role } = /** @type {HTMLInputElement} */ (target ?? {});
-  if (role === "separator") return USES.range.includes(key);
+  if (role === "separator" || role === "region") return USES.range.includes(key);
   const uses = tagName === "INPUT" ? USES[type] : USES[tagName];
   return uses ? uses.includes(key) : WRITES.includes(tagName);
 }
@@ -79,11 +79,11 @@ export function listenToKeys(take) {
       hand.held = null;
     }, true);
   }
-  // A button or row pressed by pointer does not keep the keys: arrows nudge what was chosen.
+  // What is pressed by pointer does not keep the keys: arrows nudge what was chosen.
   window.addEventListener("click", ({ detail }) => {
     if (!detail) return;
     hand.held = null;
-    if (focused()?.matches("button, [role=listbox]")) focused()?.blur();
+    if (focused()?.matches("button, [role=listbox], [role=region]")) focused()?.blur();
   });
   return takes;
 }
