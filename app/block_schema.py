@@ -52,8 +52,10 @@ class Unit:
         if self.example:
             return say(
                 "Write {example}; from {low:.0f} to {high:.0f}.",
-                example=self.example, low=self.low, high=self.high,
-            )  # fmt: skip
+                example=self.example,
+                low=self.low,
+                high=self.high,
+            )
         return f"Write it in {self.name}, from {self.low:g} to {self.high:g}."
 
 

@@ -129,8 +129,9 @@ def _scans(project: Project, scans: Mapping[str, str]) -> list[Check]:
     checks: list[Check] = []
     if broken:
         every = len(broken) == len(listed)
-        checks.append([every, "broken", {"count": len(broken), "first": broken[0],
-                                          "why": scans[broken[0]]}])  # fmt: skip
+        checks.append(
+            [every, "broken", {"count": len(broken), "first": broken[0], "why": scans[broken[0]]}]
+        )
     whole = [scan for scan in listed if scan.path.name not in broken]
     unfit: list[str] = []
     for scan in whole:
@@ -139,8 +140,9 @@ def _scans(project: Project, scans: Mapping[str, str]) -> list[Check]:
             check_fits_camera(open_scan(scan.path), camera, pixel_mm, page=True)
         except ScanError as error:
             unfit.append(error.told)
-    # One that does not fit is left out by a run; the others go on.
-    checks += [[len(unfit) == len(whole), "error", {"text": told}] for told in unfit[:1]]
+    if unfit:
+        # One that does not fit is left out by a run; the others go on.
+        checks.append([len(unfit) == len(whole), "error", {"text": unfit[0]}])
     return checks
 
 

@@ -139,7 +139,13 @@ def gather(content: ReportContent) -> dict[str, Any]:
     findings, release, checked = _judged(content, standing)
     figures = {
         "verdict": [
-            {"kind": one.kind, "grave": one.grave, "sentence": one.sentence, **one.values}
+            {
+                "kind": one.kind,
+                "grave": one.grave,
+                "sentence": one.sentence,
+                "stands_for": one.stands_for,
+                **one.values,
+            }
             for one in findings
         ],
         "written": None if content.written is None else asdict(content.written),

@@ -56,7 +56,6 @@ from app.report.wording import (
     fine,
     parameter_told,
     refused_told,
-    stands_for,
     status_counts,
 )
 from core.quality.check_points import STANDARD_LEAST
@@ -388,7 +387,7 @@ def requirements(figures: Figures, tell: Teller) -> list[Figures]:
             continue
         first = told[0]
         value = tell(wanted.values[first["kind"]], **first)
-        if more := sum(stands_for(one) for one in told[1:]):
+        if more := sum(one["stands_for"] for one in told[1:]):
             value = tell("report.value.more", value=value, more=more)
         limit = tell(wanted.limit, **first)
         rows.append(_row(tell, wanted.name, value, limit, first["grave"]))

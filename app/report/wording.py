@@ -15,7 +15,7 @@ from core.adjustment.significance import CONSTANT_NAMES
 from core.doubts import Doubt
 from core.geometry.crs import short_name
 from core.quality.check_points import STANDARD_LEAST
-from core.quality.rules import MANY_AGAINST, SIGMA_NOUGHT
+from core.quality.rules import SIGMA_NOUGHT
 from core.said import say
 from ui.words.catalogue import Teller
 
@@ -83,16 +83,11 @@ def certificate(figures: Figures, tell: Teller) -> list[str]:
     verdict = figures["verdict"]
     disputed = [one for one in verdict if one["kind"].startswith("contradicted")]
     against = [one["sentence"] for one in disputed]
-    count = sum(stands_for(one) for one in disputed[1:])
+    count = sum(one["stands_for"] for one in disputed[1:])
     more = [tell("report.against-more", count=count)] if count else []
     alone = figures["block"]["reference_ortho_sigma_m"] is None
     told = tell("report.predicted.alone" if alone else "report.predicted", **found)
     return [_borne_out(told, found, figures["checks"], tell), *against[:1], *more]
-
-
-def stands_for(finding: Figures) -> int:
-    """So many findings one of the verdict is."""
-    return int(finding["count"]) if finding["kind"] == MANY_AGAINST else 1
 
 
 def _borne_out(told: str, found: Figures, checks: Figures, tell: Teller) -> str:

@@ -271,9 +271,12 @@ class BlockView:
             (CURRENT_RAY, looks.CURRENT, 1.4),
         ):
             self._lines[name] = self._scene.add_line_segments(
-                name, np.zeros((1, 2, 3)), rgb(colour), thickness=thickness,
+                name,
+                np.zeros((1, 2, 3)),
+                rgb(colour),
+                thickness=thickness,
                 thickness_units="screen",
-            )  # fmt: skip
+            )
         for frustum in picture.frustums:
             self._add_frustum(frustum, picture.depth_m)
 

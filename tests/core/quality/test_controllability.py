@@ -58,7 +58,13 @@ def test_the_least_checked_comes_first__law(adjusted):
     numbers = dict.fromkeys(report.redundancy_numbers, 1.0)
     first, second, *_ = numbers
     # Coordinates that nothing adds to do not check their measurement.
-    bare = replace(report, surveyed_sigmas_m={}, redundancy_numbers={
-        **numbers, first: UNCHECKED / 2, second: UNCHECKED / 4,
-    })  # fmt: skip
+    bare = replace(
+        report,
+        surveyed_sigmas_m={},
+        redundancy_numbers={
+            **numbers,
+            first: UNCHECKED / 2,
+            second: UNCHECKED / 4,
+        },
+    )
     assert unchecked_control(bare) == [second, first]

@@ -298,11 +298,14 @@ def test_uncheckable_control_is_named__truth(block):
     unknown = replace(one.surveyed[names[0]], sigma_m=np.full(3, 1e4))
     report = adjust_block(
         replace(
-            one, photos={"00_000": photo}, surveyed={**one.surveyed, names[0]: unknown},
-            measurements=four, ties=TiePoints.none(),
+            one,
+            photos={"00_000": photo},
+            surveyed={**one.surveyed, names[0]: unknown},
+            measurements=four,
+            ties=TiePoints.none(),
         ),
         PLAIN,
-    )  # fmt: skip
+    )
     weak = unchecked_control(report)
     assert int(finding(report, "unchecked").values["count"]) == len(weak) > 0
 
