@@ -202,6 +202,7 @@ def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
         desk.initial,
         desk.doubts,
         height_sigma_m=desk.reference_sigma_m[2],
+        ortho_sigma_m=desk.reference_sigma_m[0],
         mosaic_version=desk.mosaic_version(),
     )
 

@@ -82,6 +82,7 @@ from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState, Draft, Notice, Remaking, SceneOptions, Seat, ShownMosaic
 from ui.review.to_measure import kept_up, with_predictions, with_proposals
 from ui.review.trial import Trial, TrialWork
+from ui.review.verdicts import still_asked
 
 
 class ReviewLoop:
@@ -279,7 +280,7 @@ class ReviewLoop:
 
     def _take_gesture(self, gesture: Gesture) -> None:
         """What a gesture comes to: the decision on the disk before anything else."""
-        before = self._seat(gesture.seat_id)
+        before = still_asked(self._seat(gesture.seat_id), gesture)
         outcome = outcome_of(gesture, before, self._seen_by(before))
         seat = outcome.seat
         if outcome.decisions:
@@ -344,15 +345,15 @@ class ReviewLoop:
 
     def _turn_back(self, act: Literal["undo", "redo"], seat: Seat) -> None:
         """Undo or redo the operator's own last decision, in a sheet of those made there; look."""
-        made = turn_back(self._session, act, seat, self._of_others(seat))
-        if not made:
-            self._screen.tell(seat.seat_id, nothing_notice(act, seat))
+        made, seat = turn_back(self._session, act, seat, self._of_others(seat))
+        self._now = self._now.with_seat(seat)
+        touched = touched_by(made[-1], self._session.decisions()) if made else None
+        if touched is None:
+            if notice := nothing_notice(act, seat):
+                self._screen.tell(seat.seat_id, notice)
             return
         self._made |= {item.decision_id: seat.seat_id for item in made}
         self._last, self._replay_due = None, True
-        touched = touched_by(made[-1], self._session.decisions())
-        if touched is None:
-            return
         key = key_of(touched.decision, self._now.state.extra)
         if key is not None:
             self._now = self._now.with_seat(replace(seat, current=key))

@@ -14,7 +14,7 @@ from typing import Any
 
 from playwright.sync_api import TimeoutError as TooLong
 
-from sessions.decisions import AddPoint, Decision, Withdraw, standing
+from sessions.decisions import AddPoint, Decision, SignBlock, Withdraw, standing
 from sessions.session import Session
 from tests.browser.meaning import (
     ANSWERS,
@@ -322,7 +322,8 @@ class DeskWalk(PageWalk):
         found: list[Meaning] = []
         for one in seen:
             meaning = meaning_of(one)
-            if meaning and meaning.what == "undo" and time.monotonic() - self.nudged_at < 1:
+            nudged = time.monotonic() - self.nudged_at < 1
+            if meaning and meaning.what == "undo" and (nudged or self.signed()):
                 meaning = replace(meaning, must=False)
             if one["key"] in ARROWS or one["on"] == "pane":
                 self.nudged_at = time.monotonic()
@@ -482,6 +483,11 @@ class DeskWalk(PageWalk):
         self.known = len(self.session.decisions())
         self.undo_all()
 
+    def signed(self) -> bool:
+        """Whether undo is about a signature, and so asked about first."""
+        mine = [item for item in standing(self.session.decisions()) if item.who == OPERATOR]
+        return bool(mine) and isinstance(mine[-1].decision, SignBlock)
+
     def undo_all(self) -> None:
         """Press U until nothing stands; a draft goes first, and without a word."""
         for _ in range(400):
@@ -492,7 +498,10 @@ class DeskWalk(PageWalk):
             drafts = self.page.evaluate("walk.look().drafts")
             self.page.keyboard.press("u")
             begun = time.monotonic()
+            asks = "document.querySelector('[data-answer=\"history.back\"]') !== null"
             while not self.fresh() and self.page.evaluate("walk.look().drafts") == drafts:
+                if self.page.evaluate(asks):
+                    break
                 if time.monotonic() - begun > PATIENCE_S:
                     raise Wrong("undo does not come to an end")
                 time.sleep(QUIET_S)

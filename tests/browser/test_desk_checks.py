@@ -62,6 +62,8 @@ def test_places_are_planned_at_the_desk__law(
     page.keyboard.press("Escape")
     page.wait_for_selector("#checks:not([open])", state="attached")
     page.keyboard.press("u")
+    page.wait_for_selector("#asked.against #keep:has-text('plan of')")
+    page.keyboard.press("u")
     page.wait_for_function("gruber.parts.status")
     page.keyboard.press("Shift+B")
     page.wait_for_selector("#checks-plan", timeout=PATIENCE_MS)
@@ -73,6 +75,14 @@ def is_plan(item: Recorded) -> bool:
 
 def read_place(page: Any, off: np.ndarray) -> str:
     """Mark the current place with a difference, and keep it."""
+    name = mark_place(page, off)
+    page.keyboard.press("y")
+    page.wait_for_function("name => gruber.checksState().current !== name", arg=name)
+    return name
+
+
+def mark_place(page: Any, off: np.ndarray) -> str:
+    """Mark the current place with a difference."""
     state = page.evaluate(CURRENT)
     name, at = state["place"], np.array(state["at"])
     for side, ground in enumerate((at + off, at)):
@@ -82,8 +92,6 @@ def read_place(page: Any, off: np.ndarray) -> str:
             [side, ground.tolist()],
         )
         page.mouse.click(box["x"] + x, box["y"] + y)
-    page.keyboard.press("y")
-    page.wait_for_function("name => gruber.checksState().current !== name", arg=name)
     return name
 
 
@@ -140,6 +148,26 @@ def test_two_observers_read_blind_and_the_bias_is_recovered__truth(
     assert found.doubled == PLACES
     # A click is good to a pixel of the screen: a fifth of a metre in so small a block.
     assert np.allclose(found.together.mean_m, BIAS_M, atol=0.3)
+
+
+def test_a_reading_far_off_is_asked_about_before_it_is_kept__law(
+    planned: None, real_desk: RealDesk, sit_at: Sit
+) -> None:
+    page = sit_at(real_desk.desk.url, scene=False)
+    settled(page)
+    open_checks(page)
+    name = mark_place(page, np.array([9.0, 9.0]))
+    page.keyboard.press("y")
+    page.wait_for_selector("#checks-state:has-text('12.7 m off')")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#checks-state:not(:has-text('off'))")
+    caught_up(page)
+    assert page.evaluate("gruber.checksState().current") == name
+    assert not readings(real_desk)
+    page.keyboard.press("y")
+    page.keyboard.press("y")
+    page.wait_for_function("name => gruber.checksState().current !== name", arg=name)
+    until(lambda: {place for place, _ in readings(real_desk)} == {name})
 
 
 def test_a_signature_is_outdated_by_a_decision_and_holds_again_once_undone__law(

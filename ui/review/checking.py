@@ -27,9 +27,10 @@ from sessions.decisions import (
     SignBlock,
 )
 from sessions.products import digest_of
-from sessions.remarks import standing_faults
 from ui.review.check_gestures import CheckRead, Remarked, Reviewed
+from ui.review.drafts import ASKING_SIGMA
 from ui.review.judgement import judge_desk
+from ui.review.mosaic import expected_sigma_m
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Notice
 
@@ -113,9 +114,13 @@ def seat_checks(operator: str, desk: DeskSnapshot) -> Part:
     if shown is not None and desk.mosaic_version:
         bounds = [round(value, 2) for value in shown.product.grid.bounds]
         mosaic = {"version": shown.version, "stale": [], "bounds": bounds}
+    plans = standing_plans(desk.recorded)
+    places = plans[-1].plan.places if plans else ()
     return {
         **checks_part(desk.recorded, operator, desk.mosaic_version, pixel),
         "mosaic": mosaic,
+        "sigmas": {place.place_id: expected_sigma_m(place, desk, pixel) for place in places},
+        "asking": ASKING_SIGMA,
     }
 
 
@@ -224,31 +229,6 @@ def signatures_part(desk: DeskSnapshot) -> list[Part]:
         }
         for one in standing_signatures(desk.recorded, now)
     ]
-
-
-def faults_part(recorded: Sequence[Recorded]) -> list[Part]:
-    """Faults of the mosaic with their answers, as its sheet shows them."""
-    return [
-        {
-            "id": one.recorded.decision_id,
-            "place": one.said.place,
-            "photo": one.said.name,
-            "kind": one.said.fault,
-            "open": one.is_open,
-            "assigned": one.assigned,
-            "said": [_line(item, said) for item, said in ((one.recorded, one.said), *one.answers)],
-        }
-        for one in standing_faults(recorded)
-    ]
-
-
-def _line(item: Recorded, said: Remark) -> Part:
-    return {
-        "who": item.who,
-        "when": item.when[:16].replace("T", " "),
-        "words": said.words,
-        "closes": said.closes,
-    }
 
 
 def rules_part(findings: Sequence[Finding]) -> list[list[object]]:

@@ -1,7 +1,7 @@
 """The history of a point, and pairs of adjustments to compare."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from core.adjustment.adjusted import AdjustmentReport
@@ -30,6 +30,7 @@ from sessions.decisions import (
     SetRole,
     SignBlock,
     Withdraw,
+    last_to_undo,
     standing,
 )
 from sessions.session import Session
@@ -182,8 +183,10 @@ def touched_by(recorded: Recorded, decisions: Sequence[Recorded]) -> Recorded | 
 
 def turn_back(
     session: Session, act: Literal["undo", "redo"], seat: Seat, others: Collection[int]
-) -> tuple[Recorded, ...]:
+) -> tuple[tuple[Recorded, ...], Seat]:
     """What undoing or redoing a seat's last decision records; in a sheet, of those made there.
+
+    A plan of checks and a signature are asked about first: nothing is recorded, and the seat asks.
 
     Args:
         session: Where it is recorded.
@@ -191,14 +194,32 @@ def turn_back(
         seat: Who asks.
         others: Numbers of decisions that somebody else made under the same name.
     """
-    known = len(session.decisions())
+    kinds, decisions = SHEET_KINDS.get(seat.sheet, ()), session.decisions()
+    last = last_to_undo(decisions, seat.operator, kinds, others) if act == "undo" else None
+    asked = seat.turning[0] if seat.turning else 0
+    if last is not None and last.decision_id != asked and (about := _undo_question(last.decision)):
+        return (), replace(seat, turning=(last.decision_id, about))
+    known = len(decisions)
     turn = session.undo if act == "undo" else session.redo
-    turn(seat.operator, SHEET_KINDS.get(seat.sheet, ()), others)
-    return tuple(session.decisions()[known:])
+    turn(seat.operator, kinds, others)
+    return tuple(session.decisions()[known:]), replace(seat, turning=None)
 
 
-def nothing_notice(act: str, seat: Seat) -> Notice:
-    """Told where there is nothing to undo or redo, or nothing of the open sheet."""
+def _undo_question(decision: Decision) -> Notice | None:
+    """What is asked before a decision that took long or vouches for the block is taken back."""
+    match decision:
+        case PlanChecks(places=places):
+            return Notice("undo.ask.PlanChecks", {"count": f"{len(places)}"})
+        case SignBlock():
+            return Notice("undo.ask.SignBlock")
+        case _:
+            return None
+
+
+def nothing_notice(act: str, seat: Seat) -> Notice | None:
+    """Told where there is nothing to undo or redo; the question where a sheet hides its bar."""
+    if seat.turning:
+        return seat.turning[1] if seat.sheet else None
     here = seat.sheet in SHEET_KINDS
     return Notice(f"notice.nothing-to-{act}.here" if here else f"notice.nothing-to-{act}")
 

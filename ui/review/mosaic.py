@@ -1,6 +1,6 @@
 """The mosaic at the desk: what its sheet shows, and what a place on it leads to."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, cast
@@ -22,8 +22,10 @@ from core.mosaic.seam_edits import (
     with_edits,
 )
 from core.mosaic.seams import Seam
-from sessions.decisions import standing
-from ui.review.checking import faults_part
+from core.quality.check_plan import CheckPlace
+from core.scans.fiducials import HAND_SIGMA_PX
+from sessions.decisions import Recorded, Remark, standing
+from sessions.remarks import standing_faults
 from ui.review.history import subject_of
 from ui.review.judgement import footprint_polygons
 from ui.review.looks import short
@@ -236,6 +238,31 @@ def _seam(seam: Seam, gsd_m: float) -> Part:
     }
 
 
+def faults_part(recorded: Sequence[Recorded]) -> list[Part]:
+    """Faults of the mosaic with their answers, as its sheet shows them."""
+    return [
+        {
+            "id": one.recorded.decision_id,
+            "place": one.said.place,
+            "photo": one.said.name,
+            "kind": one.said.fault,
+            "open": one.is_open,
+            "assigned": one.assigned,
+            "said": [_line(item, said) for item, said in ((one.recorded, one.said), *one.answers)],
+        }
+        for one in standing_faults(recorded)
+    ]
+
+
+def _line(item: Recorded, said: Remark) -> Part:
+    return {
+        "who": item.who,
+        "when": item.when[:16].replace("T", " "),
+        "words": said.words,
+        "closes": said.closes,
+    }
+
+
 def picked_part(gesture: MosaicPicked, desk: DeskSnapshot) -> Part:
     """Which photo shows a place, how sharply and how surely; and which others could."""
     east, north = gesture.east, gesture.north
@@ -345,6 +372,25 @@ def ground_sigma_m(
         np.array([0.0, 0.0, desk.height_sigma_m]),
     )[0]
     return float(np.sqrt(spread[0, 0])), float(np.sqrt(spread[1, 1]))
+
+
+def expected_sigma_m(place: CheckPlace, desk: DeskSnapshot, pixel_m: float) -> list[float] | None:
+    """Standard deviations (east, north) that a reading may be expected to have, metres.
+
+    Those of the photo that the mosaic shows there, of heights, of the reference and of the hand.
+    None where nothing is known of the photo.
+    """
+    seam = seam_at(desk, place.east, place.north)
+    if seam is None or seam.photo_id not in desk.state.oriented.photos:
+        return None
+    height = float(desk.dem.heights(np.array([[place.east, place.north]]))[0])
+    level = desk.state.oriented.photos[seam.photo_id].ground_height_m
+    position = np.array([place.east, place.north, height if np.isfinite(height) else level])
+    shown = ground_sigma_m(desk, seam.photo_id, position)
+    if shown is None:
+        return None
+    own = place.sigma_m or desk.ortho_sigma_m
+    return [float(np.linalg.norm([one, own, HAND_SIGMA_PX * pixel_m])) for one in shown]
 
 
 def nearest_keys(

@@ -168,7 +168,8 @@ def _sheet_parts(
         sources = (state.mosaic, desk.stale, desk.outlines, state.report, desk.recorded)
         yield "mosaic", (sources, lambda: mosaic_part(desk))
     if seat.sheet == "checks":
-        sources = (desk.recorded, seat.operator, desk.mosaic_version, state.mosaic, state.block)
+        shown = desk.mosaic_version, state.mosaic
+        sources = (desk.recorded, seat.operator, *shown, state.block, state.evidence)
         yield "checks", (sources, lambda: seat_checks(seat.operator, desk))
     if seat.sheet == "placement":
         yield "placement", (adjusted, lambda: placement_part(state, desk.initial, desk.doubts))

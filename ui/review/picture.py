@@ -60,6 +60,7 @@ def queue_part(
         },
         "sort": {"column": seat.sorting.column, "descending": seat.sorting.descending},
         "explaining": [list(key) for key in seat.explaining],
+        "turning": notice_part(seat.turning[1]) if seat.turning else None,
         "drafts": [places[draft.key] for draft in seat.drafts if draft.key in places],
     }
 

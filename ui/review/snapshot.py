@@ -50,6 +50,8 @@ class DeskSnapshot:
     """Every decision."""
     height_sigma_m: float = 0.5
     """Standard deviation of the heights of the ground, metres."""
+    ortho_sigma_m: float = 0.25
+    """Standard deviation per axis of the reference ortho, metres."""
     mosaic_version: str = ""
     """What the mosaic on disk was made of; empty where there is none."""
     adjustments: tuple[AdjustmentRecord, ...] = ()

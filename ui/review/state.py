@@ -161,6 +161,8 @@ class Seat:
     """Drafts of fiducials, by hand or snapped, one for each at most."""
     asking: Draft | PlaceFiducial | None = None
     """The draft against the block that was accepted once: once more keeps it."""
+    turning: "tuple[int, Notice] | None" = None
+    """The weighty decision that undo was asked to take back, and the question: once more does."""
     scene: SceneOptions = SceneOptions()
     """What of the 3D scene is shown."""
     quality: bool = False

@@ -1,5 +1,7 @@
 """The decision that a verdict makes on one measurement, if any."""
 
+from dataclasses import replace
+
 from core.block import Measurement
 from sessions.decisions import (
     NOT_VISIBLE,
@@ -9,7 +11,7 @@ from sessions.decisions import (
     MarkNotVisible,
     Reject,
 )
-from ui.review.gestures import Verdict
+from ui.review.gestures import LOOKING, Gesture, Undone, Verdict
 from ui.review.looks import ShownState
 from ui.review.second_reading import is_blind
 from ui.review.state import DeskState, Key, Notice, Seat
@@ -71,3 +73,8 @@ def standing_verdict(measurement: Measurement) -> Verdict | None:
             return "dubious"
         case _:
             return None
+
+
+def still_asked(seat: Seat, gesture: Gesture) -> Seat:
+    """The seat with a question about undo only while nothing else is done."""
+    return seat if isinstance(gesture, (Undone, *LOOKING)) else replace(seat, turning=None)

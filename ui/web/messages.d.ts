@@ -72,6 +72,8 @@ interface Queue {
   filter: Filter;
   sort: Sort;
   explaining: Key[];
+  /** The question before a weighty decision is taken back. */
+  turning: Notice | null;
   /** Rows with a draft of one's own. */
   drafts: number[];
 }
@@ -448,6 +450,10 @@ interface CheckSheet {
   plan: PlanLine | null;
   mosaic: Mosaic | null;
   places: CheckedPlace[];
+  /** Standard deviations (east, north) expected of a reading, metres. */
+  sigmas: Record<string, Pair | null>;
+  /** From how many of them on a reading is asked about. */
+  asking: number;
 }
 interface ReadRow {
   count: number; mean: (number | null)[]; shifted: boolean[]; rms: (number | null)[];

@@ -10,10 +10,11 @@ import pytest
 
 from app.desk.loop import ReviewLoop
 from app.desk.messages import Screen, SeatLeft, SeatTaken
-from sessions.decisions import Accept, AddPoint, FillMarks, JudgeTie, Reject
+from sessions.decisions import Accept, AddPoint, FillMarks, JudgeTie, Reject, SignBlock
 from sessions.replay import judged
 from sessions.session import Session
 from tests.ui.desk_block import adjust, desk_inputs, tiny_block, true_photos
+from ui.review.check_gestures import BlockSigned
 from ui.review.compare import made_with
 from ui.review.gestures import (
     AnswerAsked,
@@ -143,6 +144,26 @@ def test_undo_brings_back_state_number_and_place__truth(desk: Any):
     assert desk.glass.current() == first
     desk.loop.submit(Undone("anna-1"))
     desk.glass.until(lambda glass: ("anna-1", "notice.nothing-to-undo") in glass.notices)
+
+
+def test_undo_of_a_signature_is_asked_about_first__law(desk: Any):
+    def asked(glass: Any) -> str:
+        turning = glass.parts["anna-1"]["queue"]["turning"]
+        return turning["text"] if turning else ""
+
+    desk.loop.submit(BlockSigned("anna-1", "reject", "a shifted corner"))
+    desk.loop.submit(Undone("anna-1"))
+    desk.glass.until(lambda glass: asked(glass) == "undo.ask.SignBlock")
+    # Whatever else is done answers with no.
+    desk.loop.submit(Dropped("anna-1", ("", "")))
+    desk.glass.until(lambda glass: not asked(glass))
+    desk.loop.submit(Undone("anna-1"))
+    desk.glass.until(lambda glass: asked(glass) == "undo.ask.SignBlock")
+    assert [type(one.decision) for one in desk.session.decisions()] == [SignBlock]
+    desk.loop.submit(Undone("anna-1"))
+    desk.glass.until(lambda glass: ("anna-1", "notice.undo.SignBlock") in glass.notices)
+    assert not asked(desk.glass)
+    assert len(desk.session.decisions()) == 2
 
 
 def test_who_shares_a_name_undoes_nothing_of_the_other__law(desk: Any):

@@ -17,11 +17,11 @@ from ui.review.checking import (
     checks_part,
     decided_judgement,
     decided_reading,
-    faults_part,
     rules_part,
     signatures_part,
 )
 from ui.review.judgement import read_figures
+from ui.review.mosaic import faults_part
 from ui.review.snapshot import DeskSnapshot
 
 PLACES = tuple(CheckPlace(f"{n:02d}", 100.0 * n, 50.0 * n, 0.04 * (n == 3)) for n in range(1, 9))

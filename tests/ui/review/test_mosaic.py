@@ -15,6 +15,7 @@ from core.mosaic.composition import MosaicProduct
 from core.mosaic.fault_places import FaultPlace, Kind
 from core.mosaic.seam_edits import SeamArea, SeamLine
 from core.mosaic.seams import Seam
+from core.quality.check_plan import CheckPlace
 from core.raster.grid import Grid
 from core.raster.holes import Hole
 from sessions.decisions import Recorded
@@ -24,6 +25,7 @@ from ui.review.mosaic import (
     MosaicPicked,
     NearAsked,
     SeamDrawn,
+    expected_sigma_m,
     ground_sigma_m,
     mosaic_part,
     near_place,
@@ -259,6 +261,19 @@ def test_a_place_may_be_asked_of_another_photo_that_shows_it__law(desk: DeskSnap
     assert (told["photo"], told["shown"]) == (EAST, WEST)
     strange = picked_part(MosaicPicked("s", east - 5, (south + north) / 2, 1, "strange"), desk)
     assert (strange["photo"], strange["shown"]) == (WEST, WEST)
+
+
+def test_a_reading_is_expected_within_photo_reference_and_hand__truth(desk: DeskSnapshot) -> None:
+    east, north = middle_of(desk)
+    place = CheckPlace("1-01", east, north)
+    expected = expected_sigma_m(place, replace(desk, ortho_sigma_m=3.0), 0.5)
+    assert expected is not None
+    picked = picked_part(MosaicPicked("s", east, north, 1), desk)["sigma"]
+    assert expected == pytest.approx(np.hypot(picked, np.hypot(3.0, 0.4 * 0.5)), abs=0.02)
+    surveyed = expected_sigma_m(replace(place, sigma_m=9.0), desk, 0.5)
+    assert surveyed is not None
+    assert min(surveyed) > 9.0
+    assert expected_sigma_m(replace(place, east=east + 1e5), desk, 0.5) is None
 
 
 def test_a_place_leads_to_what_holds_its_photo__truth(desk: DeskSnapshot) -> None:

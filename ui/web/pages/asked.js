@@ -12,6 +12,8 @@ const state = {
   explaining: /** @type {Key[]} */ ([]),
   until: 0,
   timer: 0,
+  /** The question before a weighty decision is taken back. */
+  turning: /** @type {Notice | null} */ (null),
 };
 
 /** @param {Point | null} point */
@@ -36,6 +38,13 @@ export function askWhy(explaining) {
   show();
 }
 
+/** @param {Notice | null} turning the question before a weighty decision is taken back */
+export function askBack(turning) {
+  if (JSON.stringify(turning) === JSON.stringify(state.turning)) return;
+  state.turning = turning;
+  show();
+}
+
 /** The reason of what was just rejected; false when none is asked for. @param {number} digit */
 export function explain(digit) {
   if (Date.now() >= state.until) return false;
@@ -45,9 +54,11 @@ export function explain(digit) {
   return true;
 }
 
-/** The draft in sight given up; false when there is none. */
+/** The question in sight answered with no, or the draft given up; false when there is neither. */
 export function dropDraft() {
-  const { point } = state;
+  const { point, turning } = state;
+  // It is about no measurement: the question goes.
+  if (turning) return send({ kind: "drop", key: ["", ""] });
   return Boolean(point?.draft) && send({ kind: "drop", key: point?.key });
 }
 
@@ -56,8 +67,9 @@ export const proposalsOf = ({ key: [name], others }) => others
   .filter(({ state: known }) => known === "proposed").map(({ photo }) => [name, photo]);
 
 function show() {
-  const { explaining, many, until } = state;
+  const { explaining, many, turning, until } = state;
   const point = many ? null : state.point;
+  if (turning) return showTurning(turning);
   const why = explaining.length > 0 && Date.now() < until && !point?.draft?.asking;
   const room = byId("asked");
   room.className = why ? "why" : point?.draft ? (point.draft.asking ? "against" : "draft") : "";
@@ -73,6 +85,22 @@ function show() {
   // What is hidden is read out all the same.
   else byId("keep").replaceChildren();
 }
+
+/** @param {Notice} turning */
+function showTurning({ text, values }) {
+  byId("asked").className = "against";
+  for (const name of ["reasons", "proposals", "hint"]) byId(name).hidden = true;
+  byId("keep").hidden = false;
+  const said = word(text, values);
+  renew(byId("keep"), element("p", { title: said }, said),
+    answer("history.back", "U", () => send({ kind: "undo" })),
+    answer("remake.cancel", "Esc", dropDraft));
+}
+
+/** @param {string} name @param {string} cap @param {() => void} onclick */
+const answer = (name, cap, onclick) =>
+  element("button", { class: "small", "data-answer": name, onclick }, word(name),
+    element("kbd", {}, cap));
 
 /** @param {Key[]} explaining */
 function showReasons(explaining) {
@@ -100,10 +128,7 @@ function showDraft({ key, draft, figures, role, trial }) {
     : word(trial ? moved : plain, values);
   const who = draft?.asking && draft.opponent;
   const said = who ? `${word("draft.opposed", { who })} ${measured}` : measured;
-  const act = (/** @type {string} */ name, /** @type {string} */ cap,
-    /** @type {() => void} */ onclick) =>
-    element("button", { class: "small", onclick }, word(name), element("kbd", {}, cap));
   renew(byId("keep"), element("p", { title: said }, said),
-    act("draft.keep", "Y", () => send({ kind: "judge", key, verdict: "accept" })),
-    act("draft.drop", "Esc", dropDraft));
+    answer("draft.keep", "Y", () => send({ kind: "judge", key, verdict: "accept" })),
+    answer("draft.drop", "Esc", dropDraft));
 }

@@ -25,6 +25,8 @@ const state = {
   views: [new View(0.02, 60), new View(0.02, 60)],
   scale: 0,
   asking: false,
+  /** The reading that was asked about: once more keeps it. */
+  doubted: "",
   /** Ends a plan that is being drawn, and how far it is. */
   drawing: /** @type {AbortController | null} */ (null),
   drawn: { grid: 0, share: 0 },
@@ -177,7 +179,9 @@ const button = (name, key, does, off = false) => element("button", {
 function head({ places }, place) {
   const done = places.filter(isDone).length;
   const at = places.indexOf(place) + 1;
-  const said = place.state === "unreadable" ? word(`unreadable.${place.reason}`)
+  const far = isDoubted() && farOff();
+  const said = far ? word("checks.far", far)
+    : place.state === "unreadable" ? word(`unreadable.${place.reason}`)
     : word(`checks.state.${place.state}`);
   const back = place.decision
     ? [element("button", { "data-check": "back", disabled: start.guest,
@@ -189,7 +193,7 @@ function head({ places }, place) {
   return element("header", {}, element("h2", {}, word("checks")),
     element("b", { id: "checks-place" }, place.place),
     element("span", { class: "muted" }, word("checks.at", { at, count: places.length })),
-    element("span", { id: "checks-state" }, said),
+    element("span", { id: "checks-state", role: "status", class: far ? "against" : "" }, said),
     element("span", { class: "muted", id: "checks-done" }, word("checks.done", { done })),
     element("span", { class: "stretch" }),
     button("keep", "Y", keep, !state.marks.every(Boolean)),
@@ -213,7 +217,9 @@ function refresh() {
 function choose(place) {
   const own = place.marks ?? [null, place.surveyed ? place.at : null];
   const last = Math.max(state.panes.findIndex(({ room: pane }) => pane === focused()), 0);
-  Object.assign(state, { current: place.place, marks: [...own], last, asking: false });
+  Object.assign(state, {
+    current: place.place, marks: [...own], last, asking: false, doubted: "",
+  });
   fit();
   refresh();
 }
@@ -237,14 +243,38 @@ function put(side, ground) {
   refresh();
 }
 
+const isDoubted = () => state.doubted !== "" && state.doubted === JSON.stringify(state.marks);
+
+/** How far off the two marks are, where that is more than may be expected. */
+function farOff() {
+  const { found, current, marks: [mosaic, reference] } = state;
+  const sigmas = found?.sigmas[current];
+  if (!found || !sigmas || !mosaic || !reference) return null;
+  const off = mosaic.map((value, axis) => value - reference[axis]);
+  const ratio = Math.hypot(...off.map((value, axis) => value / sigmas[axis]));
+  return ratio <= found.asking ? null
+    : { off: number(Math.hypot(...off), 1), sigma: number(ratio, ratio < 10 ? 1 : 0) };
+}
+
 function keep() {
   const [mosaic, reference] = state.marks;
   const place = now();
   if (start.guest || !place || !mosaic || !reference) return;
+  if (farOff() && !isDoubted()) {
+    state.doubted = JSON.stringify(state.marks);
+    return refresh();
+  }
   const round = (/** @type {Pair} */ pair) => pair.map((value) => Math.round(value * 1000) / 1000);
   send({ kind: "check-read", place: place.place, mosaic: round(mosaic),
     reference: round(reference) });
   goOn();
+}
+
+/** The question about a reading goes, its marks stay. */
+function forget() {
+  state.doubted = "";
+  refresh();
+  redraw();
 }
 
 function ask() {
@@ -286,7 +316,7 @@ function nudge([right, down], times) {
   if (!mark) return put(last, groundFromLayer([view.x, view.y]));
   const metres = NUDGE * times * start.lattice.pixel;
   state.marks[state.last] = [mark[0] + right * metres, mark[1] - down * metres];
-  return redraw();
+  return state.doubted ? forget() : redraw();
 }
 
 /** Both pictures at the scale of the one that was zoomed. */
@@ -333,6 +363,7 @@ export function checksKey(event, letter) {
   const down = event.type === "keydown";
   if (event.key === "Escape") {
     if (down && state.asking) ask();
+    else if (down && state.doubted) forget();
     else if (down) byId("checks").close();
     return true;
   }

@@ -4,7 +4,7 @@ import {
 } from "./words.js";
 import { areaShown, clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "./queue.js";
 import { showMany, showPoint } from "./point.js";
-import { askAbout, askAboutMany, askWhy, dropDraft, explain, proposalsOf } from "./asked.js";
+import { askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, proposalsOf } from "./asked.js";
 import {
   blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
 } from "./compare.js";
@@ -328,6 +328,7 @@ function receive(message) {
   if (fresh.rows || fresh.queue || fresh.order) showQueue(fresh);
   if (fresh.queue) {
     askWhy(fresh.queue.explaining);
+    askBack(fresh.queue.turning);
     keepPlace(fresh.queue);
   }
   if (fresh.status) {
