@@ -65,7 +65,7 @@ SENTENCES = {
     "bare": "Photos with several empty areas, without ties or control: {count} ({worst}).",
     "systematic": "Residuals of {worst} are systematic on the film: up to {value} px in a part of "
     "it. Self-calibration can take this up.",
-    "no-pattern": "No systematic residuals on the film (at most {value} px).",
+    "no-pattern": "No systematic residuals on the film (mean of all photos at most {value} px).",
     "distance": "Nobody stated the principal distance of {worst}: {value} ± {sigma} mm by this "
     "block.",
     "distance-unknown": "The block cannot tell the principal distance of {worst}: {value} ± "

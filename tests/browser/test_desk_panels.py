@@ -383,6 +383,35 @@ def test_what_is_decided_leaves_the_list_and_the_rest_is_counted__law(sit):
     page.wait_for_function("gruber.parts.point.state === 'auto'")
 
 
+def test_a_queue_of_nothing_has_a_way_back__law(sit):
+    page = sit(scene=False)
+    page.fill("#sieve-text", "nowhere")
+    page.wait_for_selector("#queue-all:visible")
+    page.keyboard.press("Escape")
+    page.wait_for_function("gruber.parts.queue.filter.text === ''")
+    assert page.input_value("#sieve-text") == ""
+    page.select_option("#sieve-role", "fiducial")
+    page.wait_for_selector("#queue-all:visible")
+    page.keyboard.press("a")
+    page.wait_for_function("gruber.parts.queue.filter.role === ''")
+    assert page.evaluate("gruber.parts.queue.filter.state") == "all"
+    page.wait_for_selector("#queue-empty", state="hidden")
+
+
+def test_what_is_about_one_row_says_so_while_several_are_marked__law(sit):
+    page = sit(scene=False)
+    rows = page.locator("#rows .row")
+    rows.nth(0).click()
+    rows.nth(1).click(modifiers=["Control"])
+    before = page.evaluate("gruber.parts.point.role")
+    for key in ("c", "Enter"):
+        page.keyboard.press(key)
+        page.wait_for_selector(".notice:has-text('Decides one row')")
+        page.click(".notice:has-text('Decides one row')")
+    assert page.evaluate("gruber.parts.point.role") == before
+    assert not page.evaluate("gruber.parts.point.draft")
+
+
 def test_kinds_beside_points_have_a_queue_and_say_when_it_is_empty__law(sit):
     page = sit(scene=False)
     empty = words()["queue.empty.fiducial"]

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 from core.arrays import Position
+from core.block import USED
 from core.control.prediction import LEAST_UNIT, pixels_by_plan, plan_covariances, shown_in
 from core.doubts import Failure
 from core.mosaic.seam_edits import (
@@ -285,6 +286,8 @@ def picked_part(gesture: MosaicPicked, desk: DeskSnapshot) -> Part:
     pixel_from_plane = pixels_by_plan(photo, block.camera_of(name), position[None])[0]
     sigma = ground_sigma_m(desk, name, position)
     near = nearest_keys(desk, name, east, north)
+    # What is not used holds nothing: it comes behind.
+    holding = sorted(near, key=lambda one: desk.rows[one[1]].state not in USED)
     return {
         **told,
         "photo": name,
@@ -298,7 +301,7 @@ def picked_part(gesture: MosaicPicked, desk: DeskSnapshot) -> Part:
         ],
         "points": len(near),
         "nearest": short(near[0][0], 0) if near else None,
-        "control": [_control_near(desk, away, key) for away, key in near[:NEAR_TOLD]],
+        "control": [_control_near(desk, away, key) for away, key in holding[:NEAR_TOLD]],
         "ties": _ties_near(desk, name, position),
     }
 

@@ -381,7 +381,8 @@ def _aim(
         area = sight.area_under(gesture.rays, desk.state.oriented, desk.dem, seat.scene)
         if not area:
             return Outcome(seat, notice=Notice("notice.area.sky"))
-        return Outcome(with_filter(seat, desk.rows, replace(seat.filter, area=area)))
+        within = with_filter(seat, desk.rows, replace(seat.filter, area=area))
+        return Outcome(within, notice=Notice("notice.area"))
     if isinstance(gesture, mosaic.MosaicPicked):
         return Outcome(seat, answer=("picked", mosaic.picked_part(gesture, desk)))
     match gesture.act:
@@ -403,10 +404,12 @@ def _pick(gesture: Aimed, seat: Seat, desk: DeskSnapshot) -> Outcome:
         return Outcome(seat if seat.scene.inside else _with_photo(seat, ""))
     if found.kind == "photo":
         seat = _with_photo(seat, found.name)
-    key = _worst(found, seat, desk)
+    key = sight.worst_of(found, seat, desk)
     if key is None:
         return Outcome(seat, notice=Notice("notice.nothing-measured", {"name": found.name}))
-    return Outcome(showing(seat, desk.rows, key))
+    after = showing(seat, desk.rows, key)
+    told = Notice("notice.filter", {"name": found.name}) if after.filter != seat.filter else None
+    return Outcome(after, notice=told)
 
 
 def _hover(gesture: Aimed, seat: Seat, desk: DeskSnapshot) -> Outcome:
@@ -436,17 +439,6 @@ def _with_photo(seat: Seat, photo_id: str, inside: bool = False) -> Seat:
     """The seat with a photo chosen in its scene, and the eye inside or outside of it."""
     scene = replace(seat.scene, photo=photo_id, inside=photo_id if inside else "")
     return replace(seat, scene=scene)
-
-
-def _worst(found: sight.Picked, seat: Seat, desk: DeskSnapshot) -> Key | None:
-    """The most doubtful measurement of what was picked; a point keeps the photo looked at."""
-    place = 0 if found.kind == "point" else 1
-    rows = [row for row in desk.rows.values() if row.key[place] == found.name]
-    if not rows:
-        return None
-    photo_id = seat.current[1] if seat.current else ""
-    best = max(rows, key=lambda row: (place == 0 and row.key[1] == photo_id, row.gain, row.doubt))
-    return best.key
 
 
 def _with_scene(gesture: SceneGesture, seat: Seat, desk: DeskSnapshot) -> Seat:

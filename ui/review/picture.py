@@ -244,6 +244,7 @@ def _trial(state: DeskState, trial: Trial | None) -> Part:
         "now": short(state.report.sigma_nought, 3),
         "shift": short(trial.shift_m, 2),
         "photo": trial.photo_id,
+        "out": trial.left_out,
         "neighbours": [
             [*other.key, short(other.now_px, 2), short(other.then_px, 2)]
             for other in trial.neighbours

@@ -14,6 +14,7 @@ from core.geometry.camera import Camera
 from core.quality.residuals import photo_fit
 from ui.review.compare import HeightSource
 from ui.review.looks import short
+from ui.review.queue import passes
 from ui.review.scene import (
     FRUSTUM_SHARE,
     WORST,
@@ -22,7 +23,7 @@ from ui.review.scene import (
     ground_level_m,
 )
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Area, SceneOptions
+from ui.review.state import Area, Key, SceneOptions, Seat
 
 POINT_ANGLE = np.radians(0.9)
 """How far beside a point or a perspective centre a click still means it, seen from the eye."""
@@ -288,3 +289,18 @@ def _ray_triangles(
     distance = np.sum(other * around, axis=1) / volume
     met = ~flat & (u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 0)
     return np.where(met, distance, np.inf)
+
+
+def worst_of(found: Picked, seat: Seat, desk: DeskSnapshot) -> Key | None:
+    """The most doubtful measurement of what was picked, of those in the queue where it has any.
+
+    A point keeps the photo looked at.
+    """
+    place = 0 if found.kind == "point" else 1
+    rows = [row for row in desk.rows.values() if row.key[place] == found.name]
+    if not rows:
+        return None
+    rows = [row for row in rows if passes(row, seat.filter)] or rows
+    photo_id = seat.current[1] if seat.current else ""
+    best = max(rows, key=lambda row: (place == 0 and row.key[1] == photo_id, row.gain, row.doubt))
+    return best.key

@@ -50,6 +50,8 @@ class Trial:
     """The nearest measurements in the same photo."""
     against: float | None = None
     """Standard deviations by which the block would contradict it, as the verdict would tell."""
+    left_out: tuple[Key, ...] = ()
+    """Other measurements that the adjustment would leave out as gross errors because of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +109,8 @@ def trial_of(state: DeskState, subject: Key | Draft, report: AdjustmentReport) -
     turned = not isinstance(subject, Draft) and _takes_part(state, measurement)
     against = {one.key: one.test for one in report.contradictions}.get(key)
     neighbours = _neighbours(state, key, report)
-    return Trial(key, turned, report.sigma_nought, shift, most, neighbours, against)
+    out = tuple(sorted(report.rejected.keys() - state.report.rejected.keys() - {key}))
+    return Trial(key, turned, report.sigma_nought, shift, most, neighbours, against, out)
 
 
 def largest_shift(now: Block, then: Block) -> tuple[float, str]:

@@ -134,6 +134,8 @@ interface Trial {
   now: number | null;
   shift: number | null;
   photo: string;
+  /** Other measurements that would be left out. */
+  out: Key[];
   neighbours: [point: string, photo: string, now: number, then: number][];
 }
 interface HistoryItem {

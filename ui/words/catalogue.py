@@ -25,6 +25,7 @@ KEYS: tuple[tuple[str, str], ...] = (
     ("Y", "act.accept"), ("N", "act.reject"), ("M", "act.dubious"), ("V", "act.invisible"),
     ("Shift+Y", "act.accept-all"),
     ("U", "act.undo"), ("Shift+U", "act.redo"), ("J", "act.next"), ("K", "act.previous"),
+    ("A", "queue.all"),
     ("C", "act.role"), ("Enter", "act.refine"), ("Esc", "draft.drop"), ("Space", "blink"),
     ("R", "raw"), ("L", "likeness"), ("O", "edges"), ("T", "flicker"),
     ("Z", "together"), ("P", "act.add"), ("B", "quality"), ("Shift+B", "checks"),

@@ -263,6 +263,17 @@ def test_a_place_may_be_asked_of_another_photo_that_shows_it__law(desk: DeskSnap
     assert (strange["photo"], strange["shown"]) == (WEST, WEST)
 
 
+def test_what_is_used_near_a_place_comes_before_what_is_not__law(desk: DeskSnapshot) -> None:
+    east, north = middle_of(desk)
+    _, nearest = nearest_keys(desk, WEST, east, north)[0]
+    state = desk.state
+    out = replace(state.block.measurements[nearest], status="rejected")
+    state = replace(state, block=state.block.with_measurement(out))
+    rejected = replace(desk, state=state, table=desk.table.renewed(state))
+    control = picked_part(MosaicPicked("s", east, north, 1, WEST), rejected)["control"]
+    assert nearest[0] not in {one["point"] for one in control}
+
+
 def test_a_reading_is_expected_within_photo_reference_and_hand__truth(desk: DeskSnapshot) -> None:
     east, north = middle_of(desk)
     place = CheckPlace("1-01", east, north)

@@ -295,6 +295,21 @@ def test_a_point_picked_in_3d_is_a_row_of_the_queue__law(desk, seat):
     assert found.current in visible(desk.rows, found)
 
 
+def test_a_point_picked_in_3d_leaves_the_filter_that_shows_it__law(desk, seat):
+    """Of a point in the queue another measurement was taken, and the filter changed unasked."""
+    key = seat.order[7]
+    other = next(one for one in desk.table.by_point[key[0]] if one != key)
+    seat = replace(seat, filter=QueueFilter("all", key[1]), current=other)
+    target = desk.state.oriented.surveyed[key[0]].position - desk.state.oriented.origin
+    eye = target + np.array([300.0, -900.0, 1500.0])
+    aimed = Aimed(seat.seat_id, "pick", tuple(eye), tuple(target - eye))
+    found = outcome_of(aimed, seat, desk)
+    assert (found.seat.current, found.seat.filter, found.notice) == (key, seat.filter, None)
+    elsewhere = replace(seat, filter=QueueFilter("all", "elsewhere"))
+    told = outcome_of(aimed, elsewhere, desk)
+    assert told.notice == Notice("notice.filter", {"name": key[0]})
+
+
 def test_a_ray_through_a_frustum_shows_that_photo__truth(desk, seat):
     block = desk.state.oriented
     for photo_id, photo in block.photos.items():

@@ -52,6 +52,15 @@ def test_a_draft_is_tried_where_it_lies__truth(state):
     assert found.sigma_nought < state.report.sigma_nought
 
 
+def test_a_trial_says_what_it_leaves_out__law(state):
+    key = sorted(tiny_block().blunders)[0]
+    report = adjust(TrialWork(state, key).block())
+    assert TrialWork(state, key).conclude(report).left_out == ()
+    other = next(one for one in state.report.residuals_px if one != key)
+    more = replace(report, rejected={**report.rejected, other: "gross error", key: "gross error"})
+    assert TrialWork(state, key).conclude(more).left_out == (other,)
+
+
 def test_a_check_point_and_what_is_gone_change_nothing__law(state):
     check = next(k for k in state.block.measurements if state.block.surveyed[k[0]].role == "check")
     assert turn_measurement(state, check) is None

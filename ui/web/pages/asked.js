@@ -115,6 +115,11 @@ function showReasons(explaining) {
           point: shortPoint(explaining[0][0]), scan: shortName(explaining[0][1]) })), ...choices);
 }
 
+/** A sentence about others that a decision would leave out. @param {Trial | null} trial */
+export const leftOut = (trial) => (trial?.out.length ? [word("trial.out", {
+  count: trial.out.length, point: shortPoint(trial.out[0][0]), scan: shortName(trial.out[0][1]),
+})] : []);
+
 /** @param {Point} point */
 function showDraft({ key, draft, figures, role, trial }) {
   const values = {
@@ -127,7 +132,8 @@ function showDraft({ key, draft, figures, role, trial }) {
   const measured = figures.ratio === null ? word("draft.alone")
     : word(trial ? moved : plain, values);
   const who = draft?.asking && draft.opponent;
-  const said = who ? `${word("draft.opposed", { who })} ${measured}` : measured;
+  const said = [...(who ? [word("draft.opposed", { who })] : []), ...leftOut(trial), measured]
+    .join(" ");
   renew(byId("keep"), element("p", { title: said }, said),
     answer("draft.keep", "Y", () => send({ kind: "judge", key, verdict: "accept" })),
     answer("draft.drop", "Esc", dropDraft));

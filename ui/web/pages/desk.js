@@ -2,9 +2,13 @@
 import {
   all, byId, element, fillWords, focused, glyph, keyName, learnNames, start, stateGlyph, tip, word,
 } from "./words.js";
-import { areaShown, clearMarked, markCurrent, markedKeys, setUpQueue, showQueue } from "./queue.js";
+import {
+  areaShown, clearMarked, markCurrent, markedKeys, setUpQueue, showAll, showQueue,
+} from "./queue.js";
 import { showMany, showPoint } from "./point.js";
-import { askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, proposalsOf } from "./asked.js";
+import {
+  askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, proposalsOf,
+} from "./asked.js";
 import {
   blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
 } from "./compare.js";
@@ -86,6 +90,10 @@ function sendOf(message) {
   if (state.parts.point) send({ ...message(state.parts.point) });
 }
 
+/** What is about one row says so while several are marked. @param {() => unknown} act */
+const ofOne = (act) => () => (markedKeys().length
+  ? tell({ text: "notice.one-row", values: {}, grave: false }) : act());
+
 /** Every place that is proposed for the current point, as one decision. */
 function acceptProposals() {
   const { point } = state.parts;
@@ -104,11 +112,11 @@ function placing() {
 /** @type {Record<string, () => unknown>} */
 const ACTS = {
   accept: () => judge("accept"),
-  "accept-all": () => decide(acceptProposals),
+  "accept-all": ofOne(() => decide(acceptProposals)),
   reject: () => judge("reject"),
   dubious: () => judge("dubious"),
   invisible: () => judge("invisible"),
-  role: () => decide(() => sendOf(({ key }) => ({ kind: "role", point: key[0] }))),
+  role: ofOne(() => decide(() => sendOf(({ key }) => ({ kind: "role", point: key[0] })))),
   undo: () => send({ kind: "undo" }),
   redo: () => send({ kind: "redo" }),
   next: () => send({ kind: "step", step: 1, undecided: true }),
@@ -119,7 +127,7 @@ const ACTS = {
   edges: () => switchCompare("edges"),
   flicker: () => switchCompare("flicker"),
   together: () => switchCompare("together"),
-  refine: () => inTurn(() => sendOf(({ key }) => ({ kind: "refine", key }))),
+  refine: ofOne(() => inTurn(() => sendOf(({ key }) => ({ kind: "refine", key })))),
   marks: () => switchCompare("marks"),
   fit: () => {
     fitCompare();
@@ -131,6 +139,7 @@ const ACTS = {
   cancel: () => send({ kind: "cancel" }),
   help: toggleHelp,
   add: () => switchCompare("adding"),
+  all: showAll,
   grow: () => grow(),
   area: () => {
     if (!byId("scene-room").checkVisibility({ visibilityProperty: true })) grow();
@@ -153,7 +162,7 @@ const KEYS = {
   KeyJ: "next", KeyK: "previous", KeyF: "fit", KeyH: "help", KeyR: "raw", KeyL: "likeness",
   KeyP: "add", KeyB: "quality", KeyI: "board", KeyG: "placement", Enter: "refine",
   NumpadEnter: "refine", KeyX: "grow", Period: "details",
-  KeyO: "edges", KeyT: "flicker", KeyZ: "together",
+  KeyO: "edges", KeyT: "flicker", KeyZ: "together", KeyA: "all",
 };
 /** Words of buttons that are not `act.` with their name. @type {Record<string, string>} */
 const TEXTS = {

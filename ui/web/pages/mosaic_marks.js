@@ -74,19 +74,20 @@ export function drawHoles(context, { holes = [] }, onScreen, scale) {
 }
 
 /**
- * Shifts of places that are off by more than predicted, enlarged so that they are seen.
+ * Shifts of places, enlarged so that they are seen; dashed where this is not sure.
  * @param {Context} context @param {Mosaic} found @param {OnScreen} onScreen
  */
 export function drawMisfits(context, { misfits = [] }, onScreen) {
   for (const { place, shift: [east, north], length, significant } of misfits) {
-    if (!significant) continue;
     const [x, y] = onScreen(place);
-    const [right, down] = [east, -north].map((value) => (value / length) * ARROW_PX);
-    halo(context, MISFIT, 2, () => {
+    const [right, down] = [east, -north].map((value) => (value / (length || 1)) * ARROW_PX);
+    context.setLineDash(significant ? [] : [3, 3]);
+    halo(context, MISFIT, significant ? 2 : 1.2, () => {
       context.arc(x, y, 5, 0, 7);
       context.moveTo(x, y);
       context.lineTo(x + right, y + down);
     });
+    context.setLineDash([]);
     text(context, number(length, 1, "m"), [x + right + 6, y + down + 4], MISFIT);
   }
 }

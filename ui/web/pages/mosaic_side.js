@@ -1,7 +1,7 @@
 // What is told beside the mosaic: how old it is, what a place on it leads to, and its holes.
 import { faultList, markFault } from "./faults.js";
 import { editSide, editTools } from "./mosaic_edit.js";
-import { element, number, shortName, start, word } from "./words.js";
+import { element, number, shortName, shortPoint, start, word } from "./words.js";
 import { send } from "./wire.js";
 
 /**
@@ -98,7 +98,8 @@ function place(picked, { leave }) {
 /** What holds the photo near by. @param {PickedPlace} picked */
 function cause({ control = [], ties }) {
   const rows = control.map(({ point, away, residual, state }) => element("tr", {},
-    element("td", { class: "name", title: point }, point), element("td", {}, number(away, 0, "m")),
+    element("td", { class: "name", title: point }, shortPoint(point)),
+    element("td", {}, number(away, 0, "m")),
     element("td", {}, residual === null ? "" : number(residual, 1, "px")),
     element("td", { class: state === "dubious" ? "doubted" : "" }, word(`state.${state}`))));
   const held = ties ? word("mosaic.ties.of", { count: ties.count, metres: number(ties.away, 0),

@@ -3,6 +3,7 @@ import {
   MARKED_SIGMA, all, between, byId, element, first, moment, number, numbers, renew, roleGlyph,
   shortName, shortPoint, shows, start, stateGlyph, tip, word,
 } from "./words.js";
+import { leftOut } from "./asked.js";
 import { ellipseRadius } from "./expected.js";
 import { send } from "./wire.js";
 
@@ -223,7 +224,7 @@ function showTrial({ draft, figures, others, role, state, trial }) {
   else {
     const [now, sigma] = [number(trial.now, 3), number(trial.sigma, 3)];
     const values = { now, sigma, shift: number(trial.shift, 2), photo: shortName(trial.photo) };
-    lines.push(word("trial.sigma", values), word("trial.shift", values));
+    lines.push(word("trial.sigma", values), word("trial.shift", values), ...leftOut(trial));
   }
   showEffect(title, lines);
   const beside = (trial?.neighbours ?? []).map(([name, , now, then]) => {

@@ -116,6 +116,14 @@ export function setUpQueue(tellMarked) {
   byId("sieve-text").placeholder = word("queue.search");
   byId("sieve-text").addEventListener("input", () => typed(byId("sieve-text").value));
   byId("sieve-text").addEventListener("change", () => byId("sieve-text").blur());
+  byId("sieve-text").addEventListener("keydown", ({ key }) => {
+    if (key !== "Escape") return;
+    byId("sieve-text").value = "";
+    byId("sieve-text").blur();
+    sieve({ text: "" });
+  });
+  byId("queue-empty").append(element("button", { id: "queue-all", onclick: showAll },
+    word("queue.all"), element("kbd", {}, "A")));
   fill("sort-column", sorts.map((name) => [name, word(`sort.${name}`)]), (column) => sort(column));
   byId("sort-column").title = word("sort.by");
   byId("sort-turn").title = word("sort.turn");
@@ -172,6 +180,12 @@ function sieve(change) {
   send({ kind: "filter", ...filter });
   showQueue({ queue: { ...queue, filter } });
 }
+
+/** @param {Filter} filter */
+const isNarrowed = ({ area, photo, role, text }) => Boolean(area.length || photo || role || text);
+
+/** No filter at all. */
+export const showAll = () => sieve({ state: "all", photo: "", role: "", text: "", area: [] });
 
 /** Only points within an area; without corners, all. @param {Pair[]} area */
 export const sieveArea = (area) => sieve({ area });
@@ -321,9 +335,10 @@ function showPlace({ current, shown, counts, filter }) {
   const own = `queue.empty.${filter.role}`;
   const name = start.words[own] && !counts.all ? own
     : (filter.state === "open" || measuring) && done ? "queue.empty.done" : "queue.empty";
-  byId("queue-empty").textContent = word(name);
+  byId("queue-empty-said").textContent = word(name);
   byId("nothing").textContent = word(shown.length ? "compare.none" : name);
   byId("queue-empty").hidden = shown.length > 0;
+  byId("queue-all").hidden = !counts.all && !isNarrowed(filter);
 }
 
 /** @param {number} place */
