@@ -1,6 +1,6 @@
 """Import lists of surveyed points: read, compare with the block's ground, record as a whole."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
@@ -10,17 +10,21 @@ from core.block import Block
 from core.control.stage import ControlFound
 from core.errors import ProjectError
 from core.formats.listed_point import QUANTITIES, ListedPoint, PointList, PointListReading, Quantity
-from core.formats.point_axes import Surroundings
+from core.formats.point_axes import Heights, Surroundings
 from core.formats.point_list import read_point_list
+from core.geometry.crs import PlanePoints
 from core.georeference.stage import Georeferenced
+from core.raster.dem import open_dem
 from core.said import say
 from sessions.decisions import BringPoints, Recorded, standing
 from sessions.session import Session
 
+Ground = Callable[[PlanePoints], Heights]
+"""Heights of the DEM at places of the block, metres."""
 POINT_TABLE = "points"
 """What `gruber import --from` calls any table of surveyed points."""
 ANSWERS = ("encoding", "delimiter", "decimal", "columns", "axes", "crs", "role", "duplicates",
-           "outside", "refused")  # fmt: skip
+           "outside", "heights", "refused")  # fmt: skip
 """Fields of `PointListReading` that a word settles."""
 
 
@@ -53,7 +57,9 @@ def bring_points(
         PhotogrammetryError: The file is no table of text, or its CRS is unknown.
     """
     block = known_block(session)
-    found = read_point_list(path, surroundings(project.block.crs, block), reading)
+    files, crs = project.reference.dem, project.block.crs
+    ground = open_dem(files, crs).heights if files else None
+    found = read_point_list(path, surroundings(crs, block, ground), reading)
     if found.questions or not found.points:
         return BroughtPoints(found, None)
     before = {} if block is None else block.surveyed
@@ -76,12 +82,12 @@ def brought_points(session: Session) -> tuple[ListedPoint, ...]:
     return tuple(p for one in said if isinstance(one, BringPoints) for p in one.points)
 
 
-def surroundings(crs: str, block: Block | None) -> Surroundings:
+def surroundings(crs: str, block: Block | None, ground: Ground | None = None) -> Surroundings:
     """Where the points of a list ought to lie, and the names they may not have."""
     if block is None or not block.photos:
         return Surroundings(crs)
     taken = (name for name, point in block.surveyed.items() if point.source != "surveyed")
-    return Surroundings(crs, block.bounds, frozenset(taken))
+    return Surroundings(crs, block.bounds, frozenset(taken), ground)
 
 
 def reading_of(answers: Sequence[str]) -> PointListReading:

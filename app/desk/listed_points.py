@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast, get_args, get_type_hints
 
-from app.bring_points import POINT_TABLE, surroundings
+from app.bring_points import POINT_TABLE, Ground, surroundings
 from app.desk.messages import Measured
 from app.exchange import Brought, format_names, guess_format, usable_part
 from app.project import read_project
@@ -23,11 +23,13 @@ from ui.review.state import Notice
 
 CHOICES = {
     name: get_args(get_type_hints(PointListReading)[name])
-    for name in ("role", "duplicates", "outside", "refused")
+    for name in ("role", "duplicates", "outside", "heights", "refused")
 }
 """Words that some fields of a reading take."""
 # design: what one looks at before a list comes in.
 SHOWN_ROWS = 8
+# design: what file systems take, in letters of four bytes.
+LONGEST_FILE = 60
 # design: a screen of them.
 SHOWN_REFUSED = 50
 
@@ -35,15 +37,23 @@ SHOWN_REFUSED = 50
 class DeskPoints:
     """Reads lists against the block as it stands now, and hands what they bring to the loop."""
 
-    def __init__(self, block: Block, folder: Path, hand_in: Callable[[Measured], None]) -> None:
+    def __init__(
+        self,
+        block: Block,
+        folder: Path,
+        hand_in: Callable[[Measured], None],
+        ground: Ground | None = None,
+    ) -> None:
         """The door.
 
         Args:
             block: As the engine left it.
             folder: The block's folder.
             hand_in: Takes what is to be recorded.
+            ground: Heights of the DEM; None without one.
         """
         self._block, self._folder, self._hand_in = block, folder, hand_in
+        self._ground = ground
 
     def read(self, name: str, data: bytes, reading: Mapping[str, Any]) -> dict[str, Any]:
         """A list as it would come in, for the page.
@@ -55,7 +65,8 @@ class DeskPoints:
             with _laid_out(name, data, reading) as path:
                 return self._told(form, usable_part(read_project(self._folder), form, path).brought)
         block = self._now()
-        return {"format": "", **_page_of(_read(name, data, reading, block), block)}
+        found = _read(name, data, reading, block, self._ground)
+        return {"format": "", **_page_of(found, block)}
 
     def bring(
         self, seat_id: str, name: str, data: bytes, reading: Mapping[str, Any]
@@ -68,7 +79,7 @@ class DeskPoints:
         if form := _format_of(name, data, reading):
             return self._bring_foreign(seat_id, form, name, data, reading)
         block = self._now()
-        found = _read(name, data, reading, block)
+        found = _read(name, data, reading, block, self._ground)
         if found.questions or not found.points:
             return _page_of(found, block)
         notice = Notice("notice.brought", {"count": f"{len(found.points)}"})
@@ -185,14 +196,17 @@ def _laid_out(name: str, data: bytes, reading: Mapping[str, Any]) -> Generator[P
         yield Path(folder) if whole else Path(folder) / files[0][0]
 
 
-def _read(name: str, data: bytes, reading: Mapping[str, Any], block: Block) -> PointList:
+def _read(
+    name: str, data: bytes, reading: Mapping[str, Any], block: Block, ground: Ground | None
+) -> PointList:
     """A list that came over the wire, under its own name."""
     plain = _plain(name)
+    around = surroundings(block.crs, block, ground)
     with TemporaryDirectory() as folder:
-        path = Path(folder) / "points"
+        path = Path(folder) / (plain.replace("/", "-").strip(".")[:LONGEST_FILE] or "points")
         path.write_bytes(data)
         try:
-            return read_point_list(path, surroundings(block.crs, block), reading_of(reading))
+            return read_point_list(path, around, reading_of(reading))
         except PhotogrammetryError as error:
             raise type(error)(plain, error.cause, error.remedy) from error
 

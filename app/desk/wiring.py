@@ -26,6 +26,7 @@ from app.desk.planning import plan_route
 from app.running import Running
 from core.block import Block
 from core.geometry.crs import Bounds
+from core.raster.dem import LevelGround
 from ui.review.compare import (
     Drawn,
     DrawnPhoto,
@@ -125,7 +126,8 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     upstream = Upstream(scene.port, SECRET_HEADER, scene.secret)
     start = _start(desk, lattice)
     leaving = Leaving()
-    points = DeskPoints(desk.block, desk.session.folder, inbox.put)
+    ground = None if isinstance(desk.dem, LevelGround) else desk.dem.heights
+    points = DeskPoints(desk.block, desk.session.folder, inbox.put, ground)
     placing = _placing_routes(desk, tiles, inbox.put)
     doors = FrontInputs(
         access, channel, tiles, upstream, start, desk.results, language=desk.language,

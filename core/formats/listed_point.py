@@ -88,6 +88,8 @@ class PointListReading:
     """Which row holds where two of one name differ; asked where empty."""
     outside: Literal["", "leave out", "keep"] = ""
     """What becomes of points that no photo can see; asked where empty."""
+    heights: Literal["", "leave out", "keep"] = ""
+    """What becomes of points whose height no ground there can have; asked where empty."""
     refused: Literal["", "leave out"] = ""
     """Whether the others come in although rows are refused; asked where empty."""
 

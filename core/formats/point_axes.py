@@ -1,6 +1,6 @@
 """Axis directions and CRS of a point list, found by comparison with the block."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
@@ -25,6 +25,7 @@ from core.formats.listed_point import (
 from core.geometry.crs import KROVAK, KROVAK_RANGE, Bounds, PlanePoints, operation_between
 from core.said import say
 
+Heights = Float64[np.ndarray, "points"]
 AXES: tuple[Axes, ...] = get_args(Axes)
 AS_WRITTEN: Axes = "E N"
 TURNED: tuple[Axes, ...] = ("-N -E", "-E -N")
@@ -34,6 +35,9 @@ USUAL_CRS = ("EPSG:4326", "EPSG:5514", "EPSG:32633", "EPSG:3857")
 """Other CRS that are tried on a list that does not lie in the block."""
 # source: definition of longitude and latitude, degrees.
 MOST_DEGREES = (180.0, 90.0)
+# design: systems of heights differ by 110 m at most, and towers that are surveyed stand lower.
+HIGHEST_OFF_M = 200.0
+"""A height further off the DEM than this is not of a point that stands there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +50,8 @@ class Surroundings:
     """Ground of the block's photos in that CRS, metres; None where it is not known yet."""
     taken: frozenset[str] = frozenset()
     """Names that points of another kind have."""
+    ground: Callable[[PlanePoints], Heights] | None = None
+    """Heights of the DEM at places in that CRS, metres, NaN beside it; None without a DEM."""
 
     @property
     def reach(self) -> Bounds | None:
@@ -321,4 +327,59 @@ def _beyond(row: ReadRow, around: Surroundings) -> RefusedRow:
             north=north,
         ),
         say("Check its digits and its CRS."),
+    )
+
+
+def on_the_ground(
+    rows: list[ReadRow], reading: PointListReading, around: Surroundings, name: str
+) -> tuple[list[ReadRow], list[RefusedRow], tuple[Question, ...]]:
+    """The rows whose heights the ground may have, those that no ground has, and a question.
+
+    Args:
+        rows: Points of the list in the block's CRS.
+        reading: How it is read.
+        around: The ground.
+        name: The list, as the user knows it.
+    """
+    if around.ground is None or reading.heights == "keep" or not rows:
+        return rows, [], ()
+    heights = np.array([row.point.height for row in rows])
+    ground = around.ground(_plane(rows))
+    known = np.array([row.point.role != "plan" for row in rows])
+    off = known & (np.abs(heights - ground) > HIGHEST_OFF_M)
+    if not off.any():
+        return rows, [], ()
+    sound = [row for row, is_off in zip(rows, off, strict=True) if not is_off]
+    wrong = [(row, float(z)) for row, z, is_off in zip(rows, ground, off, strict=True) if is_off]
+    if reading.heights == "leave out":
+        return sound, [_above(row, level) for row, level in wrong], ()
+    row, level = wrong[0]
+    words = say(
+        "{file}: {count:# height is|# heights are} far off the DEM, such as {name} at "
+        "{height:.1f} m, where the DEM has {ground:.1f} m. Check digits, column and unit.",
+        file=name,
+        count=len(wrong),
+        name=row.point.point_id,
+        height=row.point.height,
+        ground=level,
+    )
+    choices = (
+        Choice("leave out", say("leave them out")),
+        Choice("keep", say("bring them all the same")),
+    )
+    return rows, [], (Question("heights", words, choices),)
+
+
+def _above(row: ReadRow, ground_m: float) -> RefusedRow:
+    """A point whose height no ground has."""
+    return RefusedRow(
+        row.source.number,
+        row.source.text,
+        say(
+            "{name} has {height:.1f} m, where the DEM has {ground:.1f} m.",
+            name=row.point.point_id,
+            height=row.point.height,
+            ground=ground_m,
+        ),
+        say("Check digits, column and unit of its height."),
     )

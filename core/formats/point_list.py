@@ -40,6 +40,7 @@ from core.formats.point_axes import (
     AS_WRITTEN,
     Surroundings,
     evidence_of_crs,
+    on_the_ground,
     placed_rows,
     settle_axes,
     within_reach,
@@ -200,6 +201,10 @@ def _with_points(found: PointList, around: Surroundings, path: Path) -> PointLis
         placed, beyond, question = within_reach(placed, reading, around)
         refused += beyond
         asked += question
+        if not question:
+            placed, off, question = on_the_ground(placed, reading, around, path.name)
+            refused += off
+            asked += question
     refused.sort(key=lambda row: row.number)
     if refused and reading.refused == "":
         asked += (_asked_of_refused(refused, len(placed)),)

@@ -66,6 +66,7 @@ QUESTIONS: dict[str, tuple[bytes, str]] = {
     "degrees elsewhere": (b"id,X,Y,Z\nA,2.35,48.85,35\n", "crs"),
     "another zone": (b"id,X,Y,Z\nA,642034,5420697,250\n", "crs"),
     "another country": (b"id,X,Y,Z\nA,999604.58,112344.443,139.4\n", "outside"),
+    "a height of another column": (rows(f"A,{EAST + 20},{NORTH},2500"), "heights"),
     "a digit too many": (rows(f"A,{EAST * 10},{NORTH},250"), "outside"),
     "local coordinates": (b"id,X,Y,Z\nA,1000,5000,250\nB,1010,5010,250\n", "outside"),
     "two of one name": (rows(f"G1,{EAST + 9},{NORTH},250"), "duplicates"),
@@ -132,6 +133,23 @@ def test_what_is_no_table_is_an_error_with_file_cause_and_remedy__truth(block, t
     assert said in told.value.cause
     assert told.value.file.endswith("points.csv")
     assert told.value.remedy
+
+
+def test_a_height_far_off_the_dem_is_told_with_file_point_and_both_heights__truth(block, tmp_path):
+    content, _ = QUESTIONS["a height of another column"]
+    found, _ = brought(block, tmp_path, content)
+    (question,) = found.found.questions
+    assert question.words.startswith("points.csv: 1 height is far off the DEM, such as A at 2500.0")
+    left, (decision,) = brought(
+        block, tmp_path, content, PointListReading(heights="leave out", refused="leave out")
+    )
+    assert [point.point_id for point in decision.points] == ["G1", "G2"]
+    assert "2500.0 m, where the DEM has" in left.found.refused[0].cause
+    _, (kept,) = brought(block, tmp_path, content, PointListReading(heights="keep"))
+    assert len(kept.points) == 3
+    with Session.open(block, "anna") as session:
+        session.undo()
+        session.undo()
 
 
 @pytest.mark.parametrize("name", QUESTIONS)

@@ -165,6 +165,19 @@ def test_axe_finds_nothing_on_the_start_page__oracle(
     assert found == [[]] * 4
 
 
+def test_a_folder_of_blocks_lacks_nothing_of_a_block__law(chromium, tiny_block, tmp_path):
+    shutil.copytree(tiny_block, tmp_path / "many" / "one")
+    context = chromium.new_context(bypass_csp=True)
+    context.set_default_timeout(PATIENCE_MS)
+    with open_start(tmp_path / "many", "127.0.0.1", 0) as opened:
+        page = context.new_page()
+        page.goto(opened.url)
+        page.wait_for_selector("#files .have:has-text('one')")
+        assert page.locator("#holdings .lacks, #holdings .needs").count() == 0
+        assert "to be filled in" not in page.inner_text("#go")
+    context.close()
+
+
 def test_what_holds_a_run_back_is_named_at_the_foot_until_it_is_mended__truth(
     chromium, tiny_block, tmp_path
 ):

@@ -313,7 +313,7 @@ async function bringTyped(event) {
   const plain = cells.map((cell, n) => (n && n < TYPED.length ? cell.replace(",", ".") : cell));
   const text = `${names.join("\t")}\n${plain.join("\t")}\n`;
   const reading = { encoding: "utf-8", delimiter: "\t", decimal: ".", header: true, axes: "E N",
-    columns: names, ...(state.far === text ? { outside: "keep" } : {}) };
+    columns: names, ...(state.far === text ? { outside: "keep", heights: "keep" } : {}) };
   const answer = await ask("bring", new Blob([text]), "", reading);
   if (answer.brought) {
     byId("points").close();
@@ -321,7 +321,7 @@ async function bringTyped(event) {
   }
   const refused = answer.refused?.[0];
   const asked = answer.questions?.[0];
-  if (asked?.about === "outside") {
+  if (asked && ["outside", "heights"].includes(asked.about)) {
     state.far = text;
     tellTyped(`${again(asked.words)} ${word("points.one.far")}`);
     return;

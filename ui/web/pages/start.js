@@ -109,8 +109,14 @@ function uploadLine({ name, share, why }) {
 const breakable = (text) => text.split(/(?<=[/_-])/)
   .flatMap((part) => [part, element("wbr")]).slice(0, -1);
 
-/** @param {Found} found */
-function holdings({ found, gaps, notes, links, added }) {
+/** True for a folder that only holds blocks: it lacks nothing of one. @param {Found} found */
+const isShelf = ({ blocks, scans, written }) => !written && blocks.length > 0
+  && (!scans.length || blocks.some((one) => !one.written));
+
+/** @param {Found} folder */
+function holdings(folder) {
+  const { found, notes, links, added } = folder;
+  const gaps = isShelf(folder) ? [] : folder.gaps;
   const line = (/** @type {string} */ kind, /** @type {string} */ sign,
     /** @type {(Node | string)[]} */ ...said) => element("li", { class: kind },
     element("i", {}, sign), element("span", {}, ...said));
@@ -290,7 +296,8 @@ function showGo(judged) {
   const said = checks.map(([grave, name, values]) =>
     element("li", { class: grave ? "needs" : "lacks" }, element("i", {}, grave ? "\u2717" : "!"),
       element("span", {}, word(`check.${name}`, values))));
-  const lacks = missing.length ? [element("p", {}, word("start.fill", {
+  const fills = missing.length > 0 && !(found && isShelf(found));
+  const lacks = fills ? [element("p", {}, word("start.fill", {
     what: missing.map((name) => formShown(name)).join("; "),
   }))] : [];
   const whole = errors[""] ? [element("p", { class: "doubted" }, again(errors[""]))] : [];
