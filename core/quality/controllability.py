@@ -34,4 +34,9 @@ def controllability(report: AdjustmentReport) -> dict[tuple[str, str], float]:
 def unchecked_control(report: AdjustmentReport) -> list[tuple[str, str]]:
     """Measurements of which too little of an error would show, the least checked first."""
     found = controllability(report)
-    return sorted((key for key in found if found[key] < UNCHECKED), key=found.__getitem__)
+    return sorted((key for key in found if is_unchecked(found[key])), key=found.__getitem__)
+
+
+def is_unchecked(share: float | None) -> bool:
+    """True where too little of an error would show; not where nothing is known of it."""
+    return share is not None and share < UNCHECKED

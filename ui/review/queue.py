@@ -7,7 +7,7 @@ from typing import Any
 
 from core.adjustment.expected_gain import Gain
 from core.block import Measurement
-from core.quality.controllability import controllability
+from core.quality.controllability import controllability, is_unchecked
 from ui.review.drafts import by_hand
 from ui.review.grounds import grounds_of
 from ui.review.looks import ShownState, short
@@ -182,8 +182,8 @@ def row_line(row: Row) -> list[Any]:
     """One line of the table."""
     return [*row.key, row.role, row.state, int(row.human), short(row.doubt, 2),
             short(row.misfit_px, 2), short(row.score, 2), short(row.disputed_m, 1),
-            short(row.sigmas, 1), row.readings,
-            *(short(value, 1) for value in row.place)]  # fmt: skip
+            short(row.sigmas, 1), row.readings, *(short(value, 1) for value in row.place),
+            int(is_unchecked(row.controlled))]  # fmt: skip
 
 
 def queue_figures(state: DeskState) -> QueueFigures:
@@ -262,6 +262,8 @@ def passes(row: Row, wanted: QueueFilter) -> bool:
             return row.state in WAITING
         case "second":
             return row.readings == 1 and row.state == "accepted"
+        case "unchecked":
+            return is_unchecked(row.controlled)
         case "disputed":
             return not math.isnan(row.disputed_m)
         case _:

@@ -32,10 +32,20 @@ POINT_KINDS: tuple[Kind, ...] = ("control", "check", "new")
 SortColumn = Literal["gain", "doubt", "misfit", "photo", "point", "score"]
 SORT_COLUMNS: tuple[SortColumn, ...] = ("gain", "doubt", "misfit", "photo", "point", "score")
 StateFilter = Literal[
-    "open", "measure", "second", "all", "disputed", "accepted", "rejected", "dubious", "unused"
+    "open",
+    "measure",
+    "second",
+    "all",
+    "disputed",
+    "unchecked",
+    "accepted",
+    "rejected",
+    "dubious",
+    "unused",
 ]
 STATE_FILTERS: tuple[StateFilter, ...] = (
-    "open", "measure", "second", "all", "disputed", "dubious", "accepted", "rejected", "unused",
+    "open", "measure", "second", "all", "disputed", "unchecked", "dubious", "accepted", "rejected",
+    "unused",
 )  # fmt: skip
 Sheet = Literal["", "board", "placement", "mask", "mosaic", "checks"]
 """A view laid over the desk, beside that of the block's quality."""
@@ -68,7 +78,7 @@ class QueueFilter:
     state: StateFilter = "open"
     """One state, or all; `open`: used and not looked at, which is what there is to do; `measure`:
     to be measured yet; `second`: placed by one operator alone; `disputed`: accepted by
-    a human, contradicted by the block."""
+    a human, contradicted by the block; `unchecked`: no other could find it wrong."""
     photo_id: str = ""
     """One photo, or all when empty."""
     role: str = ""

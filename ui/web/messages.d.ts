@@ -63,7 +63,7 @@ interface Start {
 /** point, photo, role, state, decided by hand, doubt, misfit px, score; metres in dispute, misfit in sigmas */
 type Row = [string, string, string, State, number, number, number | null, number | null,
   disputed: number | null, sigmas: number | null, readings: number,
-  east: number, north: number];
+  east: number, north: number, unchecked: number];
 interface Filter { state: string; photo: string; role: string; text: string; area: Pair[] }
 interface Sort { column: string; descending: boolean }
 interface Queue {

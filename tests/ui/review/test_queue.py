@@ -180,7 +180,7 @@ def test_an_accepted_blunder_passes_its_filter_and_heads_the_queue__truth(seed, 
     assert seat.order[0] == key
     assert rows[key].disputed_m == pytest.approx(metres, abs=1.5)
     assert rows[key].grounds[0].text == "doubt.disputed"
-    assert row_line(rows[key])[-5] == round(rows[key].disputed_m, 1)
+    assert row_line(rows[key])[-6] == round(rows[key].disputed_m, 1)
     # One figure for one misfit: what is asked before it is kept, the row, the verdict.
     told, *_ = judge_block(assess_block(report), report)
     assert f"{rows[key].sigmas:.1f}" == told.values["test"]
@@ -218,7 +218,7 @@ def test_a_large_misfit_and_a_low_score_are_named_as_reasons__truth(desk):
     assert row.grounds[0].text == "doubt.misfit"
     assert row.grounds[0].value == 20.0
     assert row.doubt > 0.95 > calm.doubt
-    assert row_line(row)[-4] == 20.0
+    assert row_line(row)[-5] == 20.0
     usual = replace(figures, misfits={**figures.misfits, key: Misfit((9.0, 0.0), (1.0, 0.0), 1.4)})
     assert "doubt.misfit" not in {g.text for g in queue_row(desk.state, usual, key).grounds}
     poor = replace(desk.state.block.measurements[key], score=0.1)
@@ -230,4 +230,14 @@ def test_a_line_holds_what_the_page_expects__law(desk):
     row = next(iter(desk.rows.values()))
     line = row_line(replace(row, misfit_px=np.pi, score=float("nan"), sigmas=1.25))
     assert line[:2] == list(row.key)
-    assert line[6:] == [3.14, None, None, 1.2, 0, *(round(value, 1) for value in row.place)]
+    assert line[6:] == [3.14, None, None, 1.2, 0, *(round(value, 1) for value in row.place), 0]
+
+
+def test_what_no_other_could_find_wrong_is_a_queue_of_its_own__law(desk):
+    first, second, third = list(desk.rows)[:3]
+    weak = {key: replace(desk.rows[key], controlled=0.02) for key in (first, third)}
+    rows = {**desk.rows, **weak, second: replace(desk.rows[second], controlled=0.5)}
+    seat = seat_down(Seat("seat-1", "anna", filter=QueueFilter("unchecked")), rows)
+    assert {first, third} <= set(visible(rows, seat))
+    assert second not in visible(rows, seat)
+    assert [row_line(rows[key])[-1] for key in (first, second, third)] == [1, 0, 1]

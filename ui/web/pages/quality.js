@@ -147,7 +147,7 @@ const CHECKS = { role: "check" };
 /** What the queue has of doubts about many measurements. @type {Record<string, Aim | undefined>} */
 const AIMS = {
   contradicted: DISPUTED, "contradicted-far": DISPUTED, "contradicted-check": DISPUTED,
-  "contradicted-more": DISPUTED,
+  "contradicted-more": DISPUTED, unchecked: { state: "unchecked" },
   "one-check": CHECKS, "checks-few": CHECKS, "checks-better": CHECKS, "checks-worse": CHECKS,
   "checks-over": CHECKS,
 };
@@ -178,13 +178,14 @@ const LEADS = {
  * @param {Quality} found @param {string} text @param {Record<string, string>} values
  */
 function lookFor({ photos: flown }, text, values) {
-  const { worst, photo, more, class: of } = values;
+  const { count, worst, photo, more, class: of } = values;
   const kind = text.replace("verdict.", "");
-  const among = text === "verdict.unchecked" ? "all" : "disputed";
+  const among = kind === "unchecked" ? kind : "disputed";
   const isPhoto = flown.some((one) => one.photo === worst);
   /** @type {(Aim | false | undefined)[]} */
   const aims = [
-    Boolean(worst && photo && !more) && { state: among, key: [worst, photo] },
+    Boolean(worst && photo && !more && !(Number(count) > 1))
+      && { state: among, key: [worst, photo] },
     isPhoto && !FLOWN.includes(kind) && { photo: worst },
     Boolean(CLASS_ROLES[of]) && { state: "open", role: CLASS_ROLES[of], worst: true },
     AIMS[kind],

@@ -11,10 +11,11 @@ const TYPING_MS = 150; // design: a word typed is one search
 const MOST_SIGNS = 14; // design: of a scan's name, beside that of a point
 const ASIDE = 4; // design: rows beyond the edge of the table, so that scrolling shows no gap
 const STATES = [
-  "open", "measure", "second", "all", "disputed", "dubious", "accepted", "rejected", "unused",
+  "open", "measure", "second", "all", "disputed", "unchecked", "dubious", "accepted", "rejected",
+  "unused",
 ];
 const TO_MEASURE = ["predicted", "proposed"];
-const RARE = ["measure", "second"]; // shown where there is something in them
+const RARE = ["measure", "second", "unchecked"]; // shown where there is something in them
 const DONE = ["accepted", "rejected", "dubious"];
 const COLUMNS = ["point", "photo", "misfit", "score", "doubt"];
 const FIGURES = ["misfit", "score"];
@@ -22,10 +23,10 @@ const RISING = ["photo", "point", "score"];
 const KINDS = ["control", "check", "new", "tie", "photo", "fiducial"];
 const POINTS = ["control", "check", "new"];
 const [POINT, PHOTO, ROLE, STATE, HUMAN, DOUBT, MISFIT, SCORE, DISPUTED, SIGMAS, READINGS, EAST,
-  NORTH] = /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]);
+  NORTH, UNCHECKED] = /** @type {const} */ ([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13]);
 /** States of the rows behind a filter of another name. @type {Record<string, State>} */
 const LOOKS = { open: "auto", measure: "predicted" };
-const PLAIN = ["all", "disputed", "second"]; // filters that are no state of a row
+const PLAIN = ["all", "disputed", "second", "unchecked"]; // filters that are no state of a row
 
 const state = {
   rows: /** @type {Row[]} */ ([]),
@@ -222,6 +223,7 @@ const ofKind = (row, filter) => isNamed(row[POINT], filter.text)
 /** @param {Row} row @param {string} wanted */
 const inState = (row, wanted) => wanted === "all"
   || (wanted === "second" && isSecond(row))
+  || (wanted === "unchecked" && row[UNCHECKED] > 0)
   || (wanted === "disputed" ? row[DISPUTED] !== null : stateName(row) === wanted);
 
 /**
@@ -258,6 +260,7 @@ export function sifted(rows, order, filter) {
     if (row[HUMAN] && DONE.includes(row[STATE])) counts.done += 1;
     if (row[DISPUTED] !== null) counts.disputed += 1;
     if (isSecond(row)) counts.second += 1;
+    counts.unchecked += row[UNCHECKED];
     return inState(row, filter.state);
   });
   return { counts, kinds, shown };
