@@ -15,6 +15,7 @@ from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block
 from core.control.stage import ControlFound
 from core.errors import ProjectError
+from core.formats.roads import read_roads
 from core.geometry.crs import Bounds
 from core.georeference.stage import Georeferenced
 from core.localisation.photo_orientation import OrientationOptions
@@ -23,6 +24,7 @@ from core.orthos.rectification import footprint_of
 from core.progress import SILENT, Progress
 from core.quality.check_plan import CheckPlace, DrawnPlan, PlanRequest, draw_places
 from core.raster.dem import Dem
+from core.reference.stage import junctions_of
 from core.said import say
 from sessions.checks import new_plan
 from sessions.decisions import PlanChecks, Recorded
@@ -132,7 +134,7 @@ def _remarks(drawn: DrawnPlan, beforehand: bool) -> list[str]:
             "{count:# place is|# places are} fewer than the 30 the ASPRS standard (2023) asks for: "
             "no statement by it."
         )
-        found.append(say(told, count=len(drawn.places)))
+        found.append(say(told, count=drawn.count))
     if not beforehand:
         found.append(
             "Control of this block has been searched already; the plan and the report say so."
@@ -150,6 +152,7 @@ def _request(
     block = placed.block if adjusted is None else adjusted.block
     bounds: Bounds = placed.block.search_bounds
     reference = open_reference(given.reference, bounds, level_of(block))
+    roads = read_roads(given.reference.roads, given.reference.crs, bounds)
     listed = [point.position[:2] for point in given.surveyed if point.role == "control"]
     used = [] if found is None else _used_control(block if adjusted else found.report.block)
     control = np.array([*listed, *used], dtype=np.float64).reshape(-1, 2)
@@ -158,8 +161,10 @@ def _request(
         ground_of(block, reference.dem),
         reference.ortho,
         control,
-        2 * patch_half_m(block, orientation),
+        patch_half_m(block, orientation),
         wish.seed,
+        junctions_of(roads, reference, given.reference, bounds),
+        ground_pixel_m(block),
         wish.cells,
     )
 
@@ -182,8 +187,13 @@ def ground_of(block: Block, dem: Dem) -> BaseGeometry:
 
 def patch_half_m(block: Block, options: OrientationOptions) -> float:
     """Half the side of the patches that control is compared by, metres on the ground."""
+    return options.template_half_px * max(options.finest_gsd_m, ground_pixel_m(block))
+
+
+def ground_pixel_m(block: Block) -> float:
+    """Median pixel of the photos on the ground, metres."""
     pixels = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
-    return options.template_half_px * max(options.finest_gsd_m, float(np.median(pixels)))
+    return float(np.median(pixels))
 
 
 def _control_names(project: Project, session: Session) -> set[str]:
@@ -224,7 +234,10 @@ def told_lines(made: MadePlan) -> Sequence[str]:
     plan = made.plan
     first = say(
         "{count:# place|# places} to be checked, digest {digest}.",
-        count=len(plan.places),
+        count=plan.count,
         digest=plan.digest,
     )
-    return (first, *made.remarks, "Read them at the desk, under Checks.")
+    spares = len(plan.places) - plan.count
+    told = "{count:# spare|# spares} to follow where one cannot be read."
+    following = (say(told, count=spares),) if spares else ()
+    return (first, *following, *made.remarks, "Read them at the desk, under Checks.")

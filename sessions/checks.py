@@ -91,7 +91,14 @@ def new_plan(
         decisions: Everything recorded, withdrawn plans included.
     """
     number = 1 + sum(isinstance(item.decision, PlanChecks) for item in decisions)
-    named = tuple(replace(place, place_id=f"{number}-{place.place_id}") for place in places)
+    named = tuple(
+        replace(
+            place,
+            place_id=f"{number}-{place.place_id}",
+            after=place.after and f"{number}-{place.after}",
+        )
+        for place in places
+    )
     plan = PlanChecks(named, cells, seed, source, beforehand, "")
     return replace(plan, digest=digest_of_plan(plan))
 
@@ -145,7 +152,7 @@ def checked_figures(
     ]
     read = {one.place_id for one in readings}
     tried = {one.place_id for _, one in said}
-    return reading_figures(readings, len(sigmas), len(tried - read))
+    return reading_figures(readings, plan.plan.count, len(tried - read))
 
 
 def outdated_readings(decisions: Sequence[Recorded], plan: StandingPlan, version: str) -> int:

@@ -314,8 +314,12 @@ def _object_to_json(value: Any, form: _Form) -> Any:
     if isinstance(value, BaseGeometry):
         return {"@wkb": shapely.to_wkb(value, hex=True, byte_order=1, include_srid=True)}
     if is_dataclass(value) and not isinstance(value, type):
-        stored = [field.name for field in fields(value) if _is_stored(field)]
-        kept = {name: getattr(value, name) for name in stored}
+        stored = [field for field in fields(value) if _is_stored(field)]
+        kept = {field.name: getattr(value, field.name) for field in stored}
+        # A field that came later does not change the digest of what says nothing in it.
+        for later in (field for field in stored if field.metadata.get("later")):
+            if kept[later.name] == later.default:
+                del kept[later.name]
         name = {"@": form.name_of(type(value))}
         return name | {key: _to_json(item, form) for key, item in kept.items()}
     raise CodecError(f"a {type(value).__name__} cannot be stored")

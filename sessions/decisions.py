@@ -245,7 +245,7 @@ class PlanChecks:
     """Places at which the mosaic is to be checked; a later plan stands beside it."""
 
     places: tuple[CheckPlace, ...]
-    """The places; their names bear the number of the plan."""
+    """The places and their spares; their names bear the number of the plan."""
     cells: tuple[int, int]
     """Columns and rows of the grid they were drawn on; (0, 0) for a list of the user."""
     seed: int
@@ -256,6 +256,11 @@ class PlanChecks:
     """Whether no control had been searched yet."""
     digest: str
     """Of all this: two plans are the same when it is."""
+
+    @property
+    def count(self) -> int:
+        """Places without the spares."""
+        return sum(not place.after for place in self.places)
 
 
 @dataclass(frozen=True, slots=True)

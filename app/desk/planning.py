@@ -61,8 +61,8 @@ def plan_route(folder: Path, hand_in: Callable[[Measured], None]) -> web.RouteDe
                     await tell({"grid": drawing.grid, "share": round(drawing.share, 3)})
                     await asyncio.wait({work}, timeout=TOLD_EVERY_S)
                 made = work.result()
-                await tell({"places": len(made.plan.places)})
-                notice = Notice("notice.planned", {"count": f"{len(made.plan.places)}"})
+                await tell({"places": made.plan.count})
+                notice = Notice("notice.planned", {"count": f"{made.plan.count}"})
                 hand_in(Measured(request.query.get("seat", ""), made.plan, notice))
             except PhotogrammetryError as error:
                 await tell({"error": error.told})

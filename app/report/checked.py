@@ -234,7 +234,9 @@ def _plan(one: StandingPlan, decisions: Sequence[Recorded], version: str) -> Fig
     return {
         "when": one.recorded.when[:16].replace("T", " "),
         "who": one.recorded.who,
-        "places": len(one.plan.places),
+        "places": one.plan.count,
+        "spares": len(one.plan.places) - one.plan.count,
+        "passed_over": found.unreadable,
         "cells": list(one.plan.cells),
         "seed": one.plan.seed,
         "source": one.plan.source,

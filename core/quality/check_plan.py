@@ -1,31 +1,31 @@
 """Places at which a mosaic is to be checked, drawn before anybody knows how good it is.
 
-One place for each cell of a grid over the block's ground. Each is a corner that the reference shows
-well by itself: nothing here asks what the matcher can find, so the places do not favour ground on
-which the program did well. The strongest corners are crowns of single trees more often than not,
-and those change in fifty years: corners where long straight edges cross, as of roads, walls and
-fields, come first. Places keep away from control, which lies better than the ground between.
+One place for each cell of a grid over the block's ground, with others of the same cell to follow it
+where it cannot be read. Each lasts and is well defined in the reference alone
+(`core.quality.lasting`): nothing here asks what the matcher can find, so the places do not favour
+ground on which the program did well. Places keep away from control, which lies better than the
+ground between.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import cast
 
-import cv2
 import numpy as np
 import shapely
 from jaxtyping import Float64
+from scipy.spatial import KDTree
 from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from core.arrays import Raster, Scalars
-from core.frames import pixel_from_opencv
 from core.geometry.crs import Bounds, shared_bounds
 from core.progress import SILENT, Progress
 from core.quality.check_points import STANDARD_LEAST
+from core.quality.lasting import AROUND_PX, FINEST_M, LastingPlaces, best_first, lasting_places
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
+from core.reference.junctions import Junction
+from core.reference.salient import TEMPLATE_PX
 
 PlanePoints = Float64[np.ndarray, "n 2"]
 """Easting and northing, metres."""
@@ -39,30 +39,17 @@ MOST_CELLS = (12, 10)
 LEAST_GROUND = 0.25
 """Share of a cell that photos must show for a place to be drawn in it."""
 # design: one read of a few MB whatever the ortho's pixel and the cell's size are.
-PICTURE_PX = 600
+PICTURE_PX = 1000
 """A cell is looked at in so many pixels a side at most."""
 # design: the frame of a photo and the rim of the mosaic show nothing to compare.
 RIM_M = 20.0
 """A place lies so far inside the block's ground, metres."""
-# design: time; a tenth of a second a cell. Straight edges have weaker corners than crowns.
-CANDIDATES = 400
-"""Strongest corners of a cell that are looked at."""
 # design: some of them, so that the seed and not the strongest detail decides where one looks.
-DRAWN_FROM = 6
-"""Of those that lie well, the place is drawn from so many of the best."""
-# design: a fiftieth of the strongest corner of a cell is texture.
-LEAST_STRENGTH = 0.02
-"""Smaller eigenvalue of a corner, as a share of the largest in its cell."""
-# design: two corners nearer than this are of one detail.
-APART_PX = 6
-# design: a quarter of the detail's own size at the pixel it is looked at.
-CORNER_PX = 5
-"""Side of the window over which gradients make a corner, pixels."""
-# design: the window of the corner and its rim.
-EDGE_PX = 4.0
-"""An edge passes so near a corner that it is of it, pixels."""
-# source: sine of 30 degrees; a place is well determined along both axes where edges cross so much.
-CROSSING_SINE = 0.5
+DRAWN_FROM = 4
+"""The places of a cell are drawn from so many of the best."""
+# design: where one place of two can be read, one cell of sixteen stays without a reading.
+SPARES = 3
+"""Places that follow the one of a cell where it cannot be read, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +64,8 @@ class CheckPlace:
     """Northing, metres."""
     sigma_m: float = 0.0
     """Standard deviation per axis of a surveyed point, metres; 0 where the reference is read."""
+    after: str = field(default="", metadata={"later": True})
+    """The place of the same cell that it stands in for where that cannot be read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +82,10 @@ class PlanRequest:
     """A place keeps so far from control, metres."""
     seed: int
     """Decides between places that are shown equally well."""
+    junctions: tuple[Junction, ...] = ()
+    """Of the road network."""
+    pixel_m: float = 0.0
+    """Of the photos on the ground, metres: what is finer in the reference they do not show."""
     cells: tuple[int, int] | None = None
     """Columns and rows of the grid; as many as give enough places when None."""
 
@@ -102,7 +95,7 @@ class DrawnPlan:
     """Places that were drawn."""
 
     places: tuple[CheckPlace, ...]
-    """Row by row from the north-west."""
+    """Row by row from the north-west, each followed by its spares."""
     cells: tuple[int, int]
     """Columns and rows of the grid."""
     empty: int
@@ -111,11 +104,16 @@ class DrawnPlan:
     @property
     def enough(self) -> bool:
         """Whether the standard allows a statement when all places are read."""
-        return len(self.places) >= STANDARD_LEAST
+        return self.count >= STANDARD_LEAST
+
+    @property
+    def count(self) -> int:
+        """Places without the spares."""
+        return sum(not place.after for place in self.places)
 
 
 def draw_places(request: PlanRequest, progress: Progress = SILENT) -> DrawnPlan:
-    """Draw one place for each cell of a grid over the block's ground.
+    """Draw one place, and spares, for each cell of a grid over the block's ground.
 
     A grid that is not asked for is made finer until thirty cells have a place.
 
@@ -126,95 +124,68 @@ def draw_places(request: PlanRequest, progress: Progress = SILENT) -> DrawnPlan:
     bounds = shared_bounds(request.ground.bounds, request.ortho.bounds)
     if bounds[0] >= bounds[2] or bounds[1] >= bounds[3]:
         return DrawnPlan((), request.cells or USUAL_CELLS, 0)
-    drawn = _draw(request, bounds, request.cells or _turned(USUAL_CELLS, bounds), progress)
+    first = request.cells or _turned(USUAL_CELLS, bounds)
+    offered = _offered(request, list(_cells(bounds, first)), progress)
+    drawn = _draw(request, bounds, first, offered)
     finer = 1
     while request.cells is None and not drawn.enough:
         long, short = USUAL_CELLS[0] + finer, USUAL_CELLS[1] + finer
         if long > MOST_CELLS[0] or short > MOST_CELLS[1]:
             break
-        drawn, finer = _draw(request, bounds, _turned((long, short), bounds), progress), finer + 1
+        drawn, finer = _draw(request, bounds, _turned((long, short), bounds), offered), finer + 1
     return drawn
 
 
-def _draw(
-    request: PlanRequest, bounds: Bounds, cells: tuple[int, int], progress: Progress
-) -> DrawnPlan:
-    """Places of one grid."""
-    found: list[tuple[float, float]] = []
-    rng = np.random.default_rng(request.seed)
-    inside = [cell for cell in _cells(bounds, cells) if _is_ground(cell, request.ground)]
-    within = request.ground.buffer(-RIM_M)
+def _offered(request: PlanRequest, cells: list[Polygon], progress: Progress) -> LastingPlaces:
+    """Clear places within the block's ground and away from control, the best first."""
+    inside = [cell for cell in cells if cell.intersects(request.ground)]
+    seen: list[LastingPlaces] = []
+    finest = max(request.ortho.ground_sample_distance_m, request.pixel_m, FINEST_M)
+    west, south, east, north = cells[0].bounds
+    pixel = max(finest, max(east - west, north - south) / PICTURE_PX)
+    # Neighbours overlap by what the measures look at.
+    margin = TEMPLATE_PX * pixel
     for done, cell in enumerate(inside):
         progress.report(done, len(inside))
-        places = _well_shown(request.ortho, cell)
-        kept = places[shapely.contains_xy(within, places)]
-        if len(request.control) and len(kept):
-            away = np.linalg.norm(kept[:, None] - request.control[None], axis=2).min(axis=1)
-            kept = kept[away >= request.apart_m]
-        # Asked for in every cell, so that one cell does not change what is drawn in the next.
-        chance = rng.random()
-        if len(kept):
-            east, north = kept[int(chance * min(len(kept), DRAWN_FROM))].tolist()
-            found.append((round(east, 2), round(north, 2)))
+        grid = Grid.over(cell.buffer(margin, join_style="mitre").bounds, pixel)
+        found = lasting_places(request.ortho, grid, request.junctions)
+        seen.append(found.chosen(shapely.contains_xy(cell, found.places)))
     progress.report(1, 1)
-    places = [CheckPlace(f"{number:02d}", *place) for number, place in enumerate(found, 1)]
-    return DrawnPlan(tuple(places), cells, len(inside) - len(found))
+    found = best_first(seen, 2 * AROUND_PX * pixel)
+    # The standard asks for thirty, so the thirtieth is clear; half as clear is still shown.
+    clear = np.sort(found.clearness[~found.junction])[-STANDARD_LEAST:]
+    kept = found.clearness >= clear.min(initial=np.inf) / 2
+    kept &= shapely.contains_xy(request.ground.buffer(-RIM_M), found.places)
+    if len(request.control):
+        kept &= KDTree(request.control).query(found.places)[0] >= request.apart_m
+    return found.chosen(kept)
 
 
-def _well_shown(ortho: Ortho, cell: Polygon) -> PlanePoints:
-    """Corners that the ortho shows in a cell (Shi and Tomasi, CVPR 1994), straight ones first."""
-    west, south, east, north = cell.bounds
-    pixel = max(ortho.ground_sample_distance_m, max(east - west, north - south) / PICTURE_PX)
-    columns, rows = (max(1, int(side / pixel)) for side in (east - west, north - south))
-    grid = Grid(west, north, pixel, columns, rows)
-    patch = ortho.read(grid)
-    # A corner at the rim of nodata is none.
-    valid = cv2.erode(patch.mask.astype(np.uint8), np.ones((2 * CORNER_PX + 1,) * 2, np.uint8))
-    found: object = cv2.goodFeaturesToTrack(
-        patch.values,
-        CANDIDATES,
-        LEAST_STRENGTH,
-        APART_PX,
-        mask=np.asarray(valid, np.uint8),
-        blockSize=CORNER_PX,
-    )
-    corners = cast("np.ndarray | None", found)
-    if corners is None:
-        return np.zeros((0, 2))
-    pixels = np.asarray(corners).reshape(-1, 2).astype(np.float64)
-    first = np.argsort(-crossing_edges_px(patch.values, pixels), kind="stable")
-    return grid.object_from_grid(pixel_from_opencv(pixels[first]))
+def _draw(
+    request: PlanRequest, bounds: Bounds, cells: tuple[int, int], offered: LastingPlaces
+) -> DrawnPlan:
+    """Places of one grid."""
+    inside = [cell for cell in _cells(bounds, cells) if _is_ground(cell, request.ground)]
+    found: list[PlanePoints] = []
+    for number, cell in enumerate(inside):
+        own = offered.chosen(shapely.contains_xy(cell, offered.places))
+        # One for each cell, so that one cell does not change what is drawn in the next.
+        rng = np.random.default_rng((request.seed, number))
+        order = rng.permutation(min(len(own.places), DRAWN_FROM))
+        roads_first = order[np.argsort(~own.junction[order], kind="stable")]
+        found.append(own.places[roads_first[: 1 + SPARES]])
+    kept = [places for places in found if len(places)]
+    named = [one for number, places in enumerate(kept, 1) for one in _named(number, places)]
+    return DrawnPlan(tuple(named), cells, len(found) - len(kept))
 
 
-def crossing_edges_px(picture: Raster, corners: PlanePoints) -> Scalars:
-    """How long straight edges cross at each corner: the shorter one of the best two, pixels.
-
-    Segments of lines are those of von Gioi and others (PAMI 32, 2010), which look like chance
-    nowhere; leaves of a crown have none.
-
-    Args:
-        picture: Gray values.
-        corners: Column and row as OpenCV counts.
-    """
-    gray = cv2.normalize(picture, np.zeros_like(picture), 0, 255, cv2.NORM_MINMAX)
-    found: object = cv2.createLineSegmentDetector().detect(gray.astype(np.uint8))[0]
-    lines = cast("np.ndarray | None", found)
-    if lines is None:
-        return np.zeros(len(corners))
-    ends = np.asarray(lines, dtype=np.float64).reshape(-1, 2, 2)
-    along = ends[:, 1] - ends[:, 0]
-    lengths = np.hypot(*along.T)
-    way = along / lengths[:, None]
-    best = np.zeros(len(corners))
-    for number, corner in enumerate(corners):
-        from_start = corner - ends[:, 0]
-        on_line = np.clip((from_start * way).sum(axis=1), 0, lengths)
-        near = np.hypot(*(from_start - on_line[:, None] * way).T) < EDGE_PX
-        own, ways = lengths[near], way[near]
-        sines = np.abs(np.outer(ways[:, 0], ways[:, 1]) - np.outer(ways[:, 1], ways[:, 0]))
-        both = np.minimum.outer(own, own)[sines > CROSSING_SINE]
-        best[number] = both.max(initial=0.0)
-    return best
+def _named(number: int, places: PlanePoints) -> Iterator[CheckPlace]:
+    """The place of a cell, and each spare after the one that it stands in for."""
+    before = ""
+    for spare, (east, north) in enumerate(places.tolist()):
+        name = f"{number:02d}{' abc'[spare]}".strip()
+        yield CheckPlace(name, round(east, 2), round(north, 2), after=before)
+        before = name
 
 
 def _cells(bounds: Bounds, cells: tuple[int, int]) -> Iterator[Polygon]:

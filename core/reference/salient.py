@@ -65,6 +65,9 @@ CANDIDATES = 6
 # design: most pixels of fields are noise; an edge stands out from six in ten of them.
 USUAL_GRADIENT = 60
 """Percentile of squared gradients that counts as usual."""
+# design: roofs and waters are a few pixels in a hundred.
+STRONGEST = 99
+"""Percentile of squared gradients from which on they count alike."""
 # design: a ten thousandth of a gray value, far below the noise of any ortho.
 FLAT = 1e-6
 """Squared gray values, and what is made of them, below this are nought."""
@@ -190,6 +193,21 @@ def line_structure(gray: Gray, usable: Mask) -> tuple[Gray, Gray]:
     roundness = np.divide(round_enough, trace**2, out=np.zeros_like(trace), where=trace > FLAT)
     grainy = cv2.boxFilter(_grain(gray, inner), -1, window)
     return np.maximum(trace - split, 0) / 2 * (1 - grainy) ** 3, roundness
+
+
+def directions_of_lines(gray: Gray, usable: Mask) -> Float32[np.ndarray, "3 rows columns"]:
+    """Squared gradients (xx, xy, yy) where the surroundings run in one direction, 0 elsewhere.
+
+    The strongest ones in a hundred count no more than the least of them: a white roof is one line.
+    """
+    smooth = cv2.GaussianBlur(gray, (0, 0), GRADIENT_SIGMA_PX)
+    across, down = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
+    inner = cv2.erode(usable.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    squares = np.where(inner, across**2 + down**2, np.float32(0))
+    most = float(np.percentile(squares[inner], STRONGEST)) if inner.any() else 1.0
+    size = inner * np.minimum(1, max(most, FLAT) / np.maximum(squares, FLAT)).astype(np.float32)
+    tensor = np.stack([across * across, across * down, down * down]) * size
+    return tensor * _coherence(tensor, LINE_SIGMA_PX)
 
 
 def _grain(gray: Gray, inner: Mask) -> Gray:

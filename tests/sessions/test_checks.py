@@ -8,7 +8,15 @@ import numpy as np
 from core.adjustment.block_adjustment import adjust_block
 from core.block import Block
 from core.quality.check_plan import CheckPlace
-from sessions.checks import judged_parts, new_plan, readings_of, standing_plans, standing_signatures
+from sessions.checks import (
+    checked_figures,
+    digest_of_plan,
+    judged_parts,
+    new_plan,
+    readings_of,
+    standing_plans,
+    standing_signatures,
+)
 from sessions.decisions import Accept, PlanChecks, ReadCheck, Recorded, Reject, SignBlock, changing
 from sessions.replay import replay
 from sessions.session import Session
@@ -41,6 +49,20 @@ def test_a_plan_that_was_changed_is_seen_by_its_digest__law(tmp_path: Path) -> N
     assert [one.unchanged for one in plans] == [True, False]
 
 
+def test_a_plan_without_spares_has_the_digest_that_it_had_before_there_were_any__law() -> None:
+    made = new_plan(PLACES, (6, 5), 1, "", beforehand=True, decisions=())
+    assert made.digest == "fccaeeeff150295f"
+
+
+def test_spares_are_of_the_plan_s_digest_and_names__law() -> None:
+    places = (*PLACES, CheckPlace("02a", 31.0, 41.0, after="02"))
+    made = new_plan(places, (6, 5), 1, "", beforehand=True, decisions=())
+    assert (made.places[2].place_id, made.places[2].after, made.count) == ("1-02a", "1-02", 2)
+    others = (*PLACES, CheckPlace("02a", 31.0, 41.0, after="01"))
+    assert digest_of_plan(made) == made.digest
+    assert new_plan(others, (6, 5), 1, "", beforehand=True, decisions=()).digest != made.digest
+
+
 def test_the_newest_reading_of_each_observer_counts__law(tmp_path: Path) -> None:
     with Session.open(tmp_path, "ada") as session:
         for place, who in (((1.0, 1.0), "ada"), ((2.0, 2.0), "bob"), ((3.0, 3.0), "ada")):
@@ -52,6 +74,20 @@ def test_the_newest_reading_of_each_observer_counts__law(tmp_path: Path) -> None
         ("1-01", "ada"): (3.0, 3.0),
         ("1-01", "bob"): (2.0, 2.0),
     }
+
+
+def test_a_spare_that_was_read_counts_for_its_cell_and_what_was_passed_over_is_told__law(
+    tmp_path: Path,
+) -> None:
+    places = (*PLACES, CheckPlace("02a", 31.0, 41.0, after="02"))
+    with Session.open(tmp_path, "ada") as session:
+        made = new_plan(places, (6, 5), 1, "", beforehand=True, decisions=())
+        session.record(made)
+        session.record(ReadCheck("1-02", None, None, "m", "changed"))
+        session.record(ReadCheck("1-02a", (31.5, 41.0), (31.0, 41.0), "m"))
+        said = session.decisions()
+    found = checked_figures(said, standing_plans(said)[0], "m")
+    assert (found.planned, found.read, found.unreadable) == (2, 1, 1)
 
 
 def test_plans_and_readings_change_nothing_of_the_block__law(tmp_path: Path, block: Block) -> None:

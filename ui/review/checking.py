@@ -138,6 +138,12 @@ def checks_part(recorded: Sequence[Recorded], operator: str, version: str, pixel
         return {"plan": None, "places": []}
     newest, read = plans[-1], readings_of(recorded)
     shown = SHOWN_M * max(1.0, pixel_m / USUAL_PIXEL_M)
+    # A spare is asked for once the place before it cannot be read; nobody chooses it.
+    passed = {
+        one.place_id
+        for (_, who), (_, one) in read.items()
+        if who == operator and one.version == version and one.mosaic is None
+    }
     others = {
         place.place_id: sum(
             one.version == version and one.place_id == place.place_id and who != operator
@@ -154,6 +160,7 @@ def checks_part(recorded: Sequence[Recorded], operator: str, version: str, pixel
                 **_own(read.get((place.place_id, operator)), version),
             }
             for place in own_order(newest.plan.places, operator, newest.plan.digest)
+            if not place.after or place.after in passed
         ],
     }
 
@@ -164,7 +171,7 @@ def plan_line(one: StandingPlan) -> Part:
     return {
         "when": one.recorded.when[:16].replace("T", " "),
         "who": one.recorded.who,
-        "count": len(plan.places),
+        "count": plan.count,
         "cells": list(plan.cells),
         "source": plan.source,
         "digest": plan.digest,
@@ -174,10 +181,15 @@ def plan_line(one: StandingPlan) -> Part:
 
 
 def own_order(places: Sequence[CheckPlace], operator: str, digest: str) -> tuple[CheckPlace, ...]:
-    """The places in the order in which one observer reads them."""
-    return tuple(
-        places[number] for number in _chance(operator, digest, "order").permutation(len(places))
-    )
+    """The places in the order in which one observer reads them, each followed by its spares."""
+    cells: list[list[CheckPlace]] = []
+    for place in places:
+        if place.after:
+            cells[-1].append(place)
+        else:
+            cells.append([place])
+    order = _chance(operator, digest, "order").permutation(len(cells))
+    return tuple(place for number in order for place in cells[number])
 
 
 def _shown(place: CheckPlace, operator: str, digest: str, shown_m: float) -> Part:

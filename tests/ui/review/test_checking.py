@@ -81,6 +81,26 @@ def test_order_and_views_differ_between_observers_and_last__law() -> None:
         assert one["views"][0] != one["views"][1]
 
 
+def test_a_spare_is_asked_for_once_its_place_cannot_be_read__law() -> None:
+    """By that observer alone, right after the place; nobody is shown one to choose from."""
+    spares = (CheckPlace("02a", 201.0, 101.0, after="02"), CheckPlace("02b", 9.0, 9.0, after="02a"))
+    places = (*PLACES[:2], *spares, *PLACES[2:])
+    plan = new_plan(places, (4, 2), 1, "", beforehand=True, decisions=())
+
+    def shown(who: str, *said: Decision) -> list[str]:
+        made = [
+            Recorded(n, "2026-01-01T10:00", "ada", one) for n, one in enumerate((plan, *said), 1)
+        ]
+        return [one["place"] for one in checks_part(made, who, VERSION, 0.5)["places"]]
+
+    passed = ReadCheck("1-02", None, None, VERSION, "changed")
+    assert len(shown("ada")) == len(shown("bob", passed)) == 8
+    names = shown("ada", passed)
+    assert names[names.index("1-02") + 1] == "1-02a"
+    assert "1-02b" not in names
+    assert "1-02b" in shown("ada", passed, ReadCheck("1-02a", None, None, VERSION, "hidden"))
+
+
 def test_a_reading_of_an_earlier_mosaic_is_open_again_and_counts_for_nothing__law() -> None:
     said = recorded(("ada", read("1-01", 1.0, "m0")))
     shown = {one["place"]: one for one in checks_part(said, "ada", VERSION, 0.5)["places"]}
