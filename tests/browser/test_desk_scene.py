@@ -157,13 +157,22 @@ def test_a_scene_that_was_cut_off_says_so_and_comes_back__law(sit, desk):
     page.wait_for_selector("#scene-wait", state="hidden")
     page.focus("#table")
     connections = vars(desk.scene.infrastructure)["_live_connections"]
+
+    def cut_off():
+        for one in list(connections.values()):
+            one.loop.call_soon_threadsafe(one.transport.abort)
+
     before = dict(connections)
-    for one in before.values():
-        one.loop.call_soon_threadsafe(one.transport.abort)
+    cut_off()
     page.wait_for_selector("#scene-wait:has-text('Loading')")
     page.wait_for_selector("#scene-wait", state="hidden")
     assert connections.keys() - before.keys()
-    scene_of(page).wait_for_function(NODE, arg="/photos/1938_02_015")
+    scene = scene_of(page)
+    scene.wait_for_function(NODE, arg="/photos/1938_02_015")
+    # Where it does not connect again, what it shows is old.
+    scene.evaluate("() => { document.hasFocus = () => false; }")
+    cut_off()
+    page.wait_for_selector("#scene-wait:has-text('Loading')")
 
 
 def test_escape_drops_the_draft_before_it_closes_the_list_of_photos__law(sit):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from app.desk.loop import ReviewLoop
-from app.desk.messages import Screen, SeatLeft, SeatTaken
-from sessions.decisions import Accept, AddPoint, FillMarks, JudgeTie, Reject, SignBlock
+from app.desk.messages import Measured, Screen, SeatLeft, SeatTaken
+from sessions.decisions import Accept, AddPoint, FillMarks, JudgeTie, Place, Reject, SignBlock
 from sessions.replay import judged
 from sessions.session import Session
 from tests.ui.desk_block import adjust, desk_inputs, tiny_block, true_photos
@@ -231,6 +231,16 @@ def test_a_draft_is_shown_with_its_effect_and_is_not_on_disk__law(desk: Any):
     desk.settled(1)
     assert desk.glass.row(first)[3] == "accepted"
     assert desk.glass.row(first)[7] is None
+
+
+def test_what_enter_refined_is_a_draft_until_it_is_kept__law(desk: Any):
+    first = desk.glass.current()
+    item = tiny_block().block.measurements[first]
+    place = Place(*first, item.column + 0.1, item.row, item.sigma_px)
+    desk.loop.submit(Measured("anna-1", place, Notice("notice.refined")))
+    desk.glass.until(lambda glass: glass.parts["anna-1"]["point"]["draft"])
+    assert desk.glass.row(first)[3] == "auto"
+    assert desk.session.decisions() == ()
 
 
 def test_two_seats_see_each_other_but_keep_their_places__law(desk: Any):
