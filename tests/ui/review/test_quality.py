@@ -78,6 +78,21 @@ def test_the_verdict_names_what_is_missing__truth(state, polygons):
     assert judge_block(assess_block(bare, polygons), bare)[0].grave == 2
 
 
+def test_the_sheet_begins_with_what_was_accepted_against_the_block__truth(desk):
+    """The report said that the desk's own verdict was sound."""
+    block = desk.state.block
+    key = next(k for k, item in block.measurements.items() if item.status == "auto")
+    item = block.measurements[key]
+    wrong = replace(item, column=item.column + 30, sigma_px=0.5, status="accepted")
+    block = block.with_measurement(wrong)
+    state = replace(desk.state, block=block, report=adjust(block))
+    part = quality_part(judge_desk(replace(desk, state=state)), state, ())
+    text, grave, values = part["findings"][0]
+    assert (text, grave) == ("verdict.contradicted-far", part["verdict"])
+    assert (values["worst"], values["photo"]) == key
+    assert part["verdict"] == 2
+
+
 def test_every_sentence_of_the_view_has_words__law(desk):
     part = quality_part(judge_desk(desk), desk.state, ())
     for text, grave, values in part["findings"]:

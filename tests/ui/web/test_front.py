@@ -32,6 +32,8 @@ def inputs(tmp_path):
     (results / "control_points.csv").write_text("point_id")
     (results / "secret.key").write_text("k")
     (results / "adjustment.txt").write_text("sigma nought")
+    (results / "Ori-InterneScan").mkdir()
+    (results / "Ori-InterneScan" / "MeasuresIm-a.tif.xml").write_text("<Global/>")
     (results / "ortho").mkdir()
     (results / "ortho" / "a.tif").write_bytes(b"II")
     (results / "sheets" / "EPSG-5513").mkdir(parents=True)
@@ -108,6 +110,7 @@ def test_results_are_listed_report_first_and_links_are_not_followed__law(inputs)
         listed = json.loads(visitor.get("/results/")[1])
         names = ["report.html", "adjustment.txt", "control_points.csv", "ortho/a.tif"]
         names += ["sheets/EPSG-5513/HUST25.tif", "sheets/HUST25.tif"]
+        names += ["Ori-InterneScan/MeasuresIm-a.tif.xml"]
         assert [name for name, _ in listed] == names
         ortho, _ = visitor.get("/results/ortho/a.tif")
         assert ortho.headers["Content-Disposition"] == 'attachment; filename="a.tif"'
