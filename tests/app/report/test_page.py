@@ -14,7 +14,8 @@ from affine import Affine
 from PIL import Image
 
 from app.report.model import ReportContent
-from app.report.page import render, requirements, under, write_report
+from app.report.page import CHAPTERS, render, requirements, under, write_report
+from app.report.plots import draw_film, draw_histogram, draw_trend, longest_mean
 from app.report.wording import fine, parameter_told
 from core.adjustment.adjusted import Contradiction
 from core.adjustment.block_adjustment import adjust_block
@@ -134,11 +135,15 @@ def test_residuals_are_drawn_by_size_by_place_and_by_photo_with_what_correlates_
     assert residuals["trends"]
     assert set(residuals["trends"]) == {"radius", "height"}
     assert list(residuals["films"]) == [row["scan"] for row in figures["exterior"]]
-    assert page.count('class="film"') == len(residuals["films"])
+    longest = longest_mean(residuals["films"])
+    for film in residuals["films"].values():
+        assert f'<figure class="film">{draw_film(film, longest, TELL)}' in page
     for kind, bars in residuals["histograms"].items():
         assert re.sub(r"\s", " ", TELL(f"report.histogram.{kind}", **bars)) in text
-    for kind in residuals["trends"]:
+        assert draw_histogram(bars, TELL) in page
+    for kind, unit in (("radius", "mm"), ("height", "m")):
         assert TELL(f"report.trend.{kind}") in text
+        assert draw_trend(residuals["trends"][kind], unit, TELL) in page
     for name in ("report.strips", "head.ground-pixel", "head.correlation"):
         assert TELL(name) in text
     for row in figures["exterior"]:
@@ -169,6 +174,9 @@ def test_every_chapter_has_a_name_of_its_own_and_stands_in_the_contents__law(wri
     names = re.findall(r'<h2 id="([^"]+)"><small>', page)
     assert len(names) == len(set(names)) > 12
     assert re.findall(r'<li><a href="#([^"]+)"', page) == names
+    for language in LANGUAGES:
+        told = [words(language)[f"report.chapter.{name}"] for name in CHAPTERS]
+        assert len(told) == len(set(told))
 
 
 def test_the_first_page_has_every_requirement_who_and_when__truth(written):
@@ -180,9 +188,8 @@ def test_the_first_page_has_every_requirement_who_and_when__truth(written):
     assert front.count('class="t result') == len(requirements(figures, TELL)) >= 10
     assert all(f'href="#{name}"' in front for name in ("blockmap", "mosaicmap"))
     assert "Signature" in front
-    text = text_of(page)
-    assert "Written 2025-11-21 01:02 UTC by anna with Gruber 0.1.0." in text
-    assert "Decisions: 2, by anna, 2025-11-20 10:00 to 2025-11-20 10:01 UTC; taken back: 1" in text
+    assert "Decisions: 2, by anna, 2025-11-20 10:00 to 2025-11-20 10:01 UTC; taken back: 1" in front
+    assert "Written 2025-11-21 01:02 UTC by anna with Gruber 0.1.0." in text_of(page)
 
 
 def test_the_first_page_says_the_verdict_above_the_table_as_its_chapter_does__law(written):
@@ -255,16 +262,22 @@ def test_control_in_use_is_told_worst_first_and_the_rest_is_counted__truth(conte
     assert len(tests) == len(content.report.redundancy_numbers)
     assert tests == sorted(tests, reverse=True)
     page = html.read_text(encoding="utf-8")
-    assert control["in_use"][0]["point_id"] in page
+    shown = [(row["point_id"], row["scan"]) for row in control["in_use"][:40]]
+    chapter = page[page.index('<h2 id="control">') : page.index('<h2 id="distribution">')]
+    assert re.findall(r'<td class="t">([^<]+)</td><td class="t" title="([^"]+)">', chapter) == shown
+    # Of those left out, no row.
+    assert chapter.count("<tr>") == 1 + len(shown)
     text = text_of(page)
     assert f"worst first: {min(len(tests), 40)} of {len(tests)}" in text
     assert f"Measurements left out: {len(control['left_out'])} (" in text
-    assert "Left out, with the reason" not in text
 
 
 def test_holes_of_the_mosaic_are_named__truth(written):
     text = text_of(written[0])
     assert "2 holes inside the mosaic, 1300 m² together" in text
+    for hole in written[1]["mosaic"]["holes"]:
+        row = (TELL.number(hole[name], ",.0f") for name in ("area_m2", "east", "north"))
+        assert re.sub(r"\s", " ", " ".join(row)) in text
     assert "Holes inside the mosaic: 2, 1300 m² together; the largest (900 m²)" in text
 
 
