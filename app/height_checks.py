@@ -6,7 +6,7 @@ import numpy as np
 import rasterio
 from pyproj import CRS
 
-from app.project import Project
+from app.project import Project, reference_sigmas_m
 from core.arrays import ObjectPoints
 from core.block import UNKNOWN_M, SurveyedPoint
 from core.doubts import Doubt
@@ -29,7 +29,7 @@ def height_doubts(
     told = [*_systems(project)]
     if project.reference.dem and surveyed:
         file = "" if project.control.points is None else project.control.points.name
-        own = offset_told(file, surveyed, dem, project.reference.dem_sigma_m)
+        own = offset_told(file, surveyed, dem, reference_sigmas_m(project)[1])
         told += [own] if own is not None else []
     return tuple(Doubt("heights", "heights", one) for one in told)
 

@@ -39,7 +39,9 @@ from core.literature.published_chains import Preset
 from core.localisation.photo_orientation import OrientationOptions
 from core.localisation.stage import LocalisationOptions
 from core.matching.learned import LEARNED, check_network
-from core.matching.reference import ReferenceFiles
+from core.matching.reference import DEM_SIGMA, ORTHO_SIGMA, ReferenceFiles
+from core.raster.dem import open_dem
+from core.raster.ortho import open_ortho
 from core.results import BlockInput
 from core.said import say
 from core.scans.stage import ScanInput
@@ -97,10 +99,10 @@ class ReferenceSection:
     """Files of terrain heights; without any, the ground is level."""
     roads: tuple[Path, ...] = ()
     """Road layers; without any, salient points of the ortho serve as control."""
-    ortho_sigma_m: float = 0.25
-    """Standard deviation of a coordinate of the ortho, metres."""
-    dem_sigma_m: float = 0.5
-    """Standard deviation of a height of the DEM, metres."""
+    ortho_sigma_m: float | None = None
+    """Standard deviation of a coordinate of the ortho, metres; None where it is not stated."""
+    dem_sigma_m: float | None = None
+    """Standard deviation of a height of the DEM, metres; None where it is not stated."""
     buildings: Path | None = None
     """Polygons that seams keep away from."""
     bridges: Path | None = None
@@ -332,8 +334,8 @@ def _reference(document: Document, brought: bool) -> ReferenceSection:
         table.files("ortho"),
         table.files("dem"),
         table.files("roads"),
-        table.number("ortho_sigma_m"),
-        table.number("dem_sigma_m"),
+        table.number("ortho_sigma_m") if table.has("ortho_sigma_m") else None,
+        table.number("dem_sigma_m") if table.has("dem_sigma_m") else None,
         table.file("buildings"),
         table.file("bridges"),
         table.file("mask"),
@@ -390,7 +392,7 @@ def _ortho(document: Document) -> OrthoSection:
 
 def described(project: Project, brought: Sequence[ListedPoint] = ()) -> BlockInput:
     """What the engine is given of a project; points brought into it tell where it lies, too."""
-    scans, reference = project.scans, project.reference
+    scans = project.scans
     listed = listed_points(project.control.points, project.block.crs)
     measured: dict[str, dict[str, tuple[float, float]]] = {}
     for file in scans.fiducial_measures:
@@ -414,7 +416,7 @@ def described(project: Project, brought: Sequence[ListedPoint] = ()) -> BlockInp
             scans.flying_height_m,
             project.block.corrections,
         ),
-        reference=_reference_files(project.block.crs, reference, (*listed, *brought)),
+        reference=_reference_files(project, (*listed, *brought)),
         surveyed=tuple(surveyed_point(point) for point in listed),
         ties=() if scans.ties is None else (scans.ties,),
         preset=project.control.preset,
@@ -424,9 +426,24 @@ def described(project: Project, brought: Sequence[ListedPoint] = ()) -> BlockInp
     )
 
 
-def _reference_files(
-    crs: str, reference: ReferenceSection, listed: Sequence[ListedPoint]
-) -> ReferenceFiles:
+def reference_sigmas_m(project: Project) -> tuple[float, float]:
+    """Standard deviations of ortho and heights, metres: as stated, else by their pixels.
+
+    Raises:
+        PhotogrammetryError: Nothing is stated, and a file cannot be read.
+    """
+    given, crs = project.reference, project.block.crs
+    ortho, dem = given.ortho_sigma_m, given.dem_sigma_m
+    if ortho is None:
+        pixel_m = open_ortho(given.ortho, crs).ground_sample_distance_m if given.ortho else 0.0
+        ortho = ORTHO_SIGMA.expected_m(pixel_m)
+    if dem is None:
+        cell_m = open_dem(given.dem, crs).ground_sample_distance_m if given.dem else 0.0
+        dem = DEM_SIGMA.expected_m(cell_m)
+    return ortho, dem
+
+
+def _reference_files(project: Project, listed: Sequence[ListedPoint]) -> ReferenceFiles:
     """The reference; where there is none, what control points tell of the ground.
 
     Check points judge only: they have no say in it.
@@ -435,15 +452,17 @@ def _reference_files(
     known = [point.height for point in control if point.role != "plan"]
     plan = np.array([(p.easting, p.northing) for p in control if p.role != "height"]).reshape(-1, 2)
     area = bounds_of(plan)
+    reference = project.reference
+    ortho_sigma_m, dem_sigma_m = reference_sigmas_m(project)
     return ReferenceFiles(
-        crs=crs,
+        crs=project.block.crs,
         ortho=reference.ortho,
         dem=reference.dem,
         roads=reference.roads,
         mask=reference.mask,
         bridges=reference.bridges,
-        ortho_sigma_m=reference.ortho_sigma_m,
-        dem_sigma_m=reference.dem_sigma_m,
+        ortho_sigma_m=ortho_sigma_m,
+        dem_sigma_m=dem_sigma_m,
         level_m=float(np.mean(known)) if known and not reference.dem else None,
         area=area if len(plan) and not reference.ortho else None,
     )

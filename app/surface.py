@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
-from app.project import Project
+from app.project import Project, reference_sigmas_m
 from core.adjustment.adjusted import AdjustmentReport
 from core.arrays import Mask
 from core.doubts import Failure
@@ -104,7 +104,7 @@ def make_ground(session: Session, project: Project, surface: SurfaceProduct | Fa
         for path in (classes, corrections):
             path.unlink(missing_ok=True)
         return
-    digest_of, sigma_m = session.products.digest_of, project.reference.dem_sigma_m
+    digest_of, sigma_m = session.products.digest_of, reference_sigmas_m(project)[1]
     inputs = digest_of("ground", VERSION, kind, sigma_m, *surface.files.paths)
     kept = session.products.load_value("ground", digest_of(inputs, classes, corrections))
     if kept is not None and classes.is_file() and corrections.is_file():

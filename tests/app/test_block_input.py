@@ -1,10 +1,13 @@
 """`block.toml` in the engine's own terms."""
 
+import re
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
+from rasterio import Affine
 
 from app.project import described, read_project
 from core.block import UNKNOWN_M, surveyed_point
@@ -48,6 +51,26 @@ def test_the_user_s_points_keep_role_and_accuracy__truth(tiny_block, tmp_path):
     np.testing.assert_array_equal(first.position, [-580000, -1190000, 250])
     np.testing.assert_array_equal(first.sigma_m, [0.05, 0.05, 0.08])
     assert second.role == "check"
+
+
+@pytest.mark.parametrize(("pixel_m", "sigmas_m"), [(0.2, (0.25, 0.5)), (10.0, (10.0, 2.0))])
+def test_accuracies_that_nobody_states_are_those_of_the_pixels__truth(
+    tiny_block, tmp_path, pixel_m: float, sigmas_m: tuple[float, float]
+):
+    """Sentinel-2 was taken to be good to 0.25 m."""
+    folder = own_toml(tiny_block, tmp_path)
+    file = folder / "block.toml"
+    text = file.read_text(encoding="utf-8").replace("ortho/*.tif", "coarse.tif")
+    text = text.replace('"dem.tif"', '"coarse.tif"')
+    file.write_text(re.sub(r"(ortho|dem)_sigma_m = .*", "", text), encoding="utf-8")
+    place = Affine(pixel_m, 0, -580000, 0, -pixel_m, -1190000)
+    with rasterio.open(
+        folder / "coarse.tif", "w", width=20, height=20, count=1, dtype="uint8", crs="EPSG:5514",
+        transform=place,
+    ) as raster:  # fmt: skip
+        raster.write(np.full((1, 20, 20), 99, np.uint8))
+    given = described(read_project(folder)).reference
+    assert (given.ortho_sigma_m, given.dem_sigma_m) == sigmas_m
 
 
 def test_points_of_another_country_are_told__truth(tiny_block, tmp_path):

@@ -38,6 +38,8 @@ scan_pixel_um = 40.0
 [reference]
 ortho = "ortho.tif"
 dem = "dem.tif"
+ortho_sigma_m = 0.25
+dem_sigma_m = 0.5
 """
 K0, K1, K2 = 2e-4, -3e-7, 4e-11
 RADII = [5.0, 10.0, 15.0, 20.0, 25.0, 30.0]

@@ -73,7 +73,7 @@ def test_defaults_are_those_of_the_manual__truth(folder: Path) -> None:
         "world-file",
         "LMS_TIF_UP",
     )
-    assert (project.reference.ortho_sigma_m, project.reference.dem_sigma_m) == (0.25, 0.5)
+    assert (project.reference.ortho_sigma_m, project.reference.dem_sigma_m) == (None, None)
     assert project.reference.roads == ()
     assert project.ortho.gsd_m is None
     camera = project.cameras["wide"]
@@ -228,7 +228,9 @@ def test_the_learned_operator_needs_a_network__truth(folder: Path) -> None:
     with pytest.raises(ProjectError, match="no network that OpenCV can run"):
         read(folder, TOML + asked)
     file = write_convolution(folder / "net.onnx", np.ones((2, 1, 3, 3), np.float32))
-    project = read(folder, TOML + asked)
+    # The reference of this block is none that could be opened.
+    stated = '"dem.tif"\northo_sigma_m = 0.3\ndem_sigma_m = 0.5\n'
+    project = read(folder, TOML.replace('"dem.tif"\n', stated) + asked)
     assert project.control.learned == file
     given = described(project).localisation.orientation
     assert given.operators == (LearnedOperator(file), FusedOperator())
