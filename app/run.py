@@ -114,7 +114,7 @@ class Run:
         self.times: dict[str, float] = session.products.latest_value(TIMES) or {
             f"{name}/1": seconds for name, seconds in self.last_walk.get("seconds", {}).items()
         }
-        self.threads = Threads(options.workers)
+        self.threads = Threads(options.workers, lambda: self.interruption.check())
         self.interruption = Interruption()
         self.films: Films = {}
 

@@ -67,7 +67,8 @@ class Running:
         """How far the run is.
 
         Returns:
-            `state`, `why` it failed, whole `seconds` since it began, a line for each stage in
+            `state`, whether it is `cancelling`, `why` it failed, whole `seconds` since it began, a
+            line for each stage in
             `lines` (name, how often it was walked before, seconds, what was said; of the last one
             its share, what it is at and the seconds it still takes), and sentences in `log`.
         """
@@ -75,8 +76,10 @@ class Running:
             now = time.monotonic()
             lines = [_told(line, now) for line in self._lines]
             seconds = round(now - self._begun) if self._begun else 0
+            cancelling = self._state == "running" and self._asked.is_set()
             return {
-                "state": self._state, "why": self._why, "seconds": seconds, "lines": lines,
+                "state": self._state, "cancelling": cancelling, "why": self._why,
+                "seconds": seconds, "lines": lines,
                 "log": list(self._log), "stages": self._names(),
             }  # fmt: skip
 

@@ -3,12 +3,15 @@
 import getpass
 import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from typing import TypeVar
 
 A = TypeVar("A")
 B = TypeVar("B")
+# design: who cancels sees it happen at once; looking so often costs nothing.
+LOOKS_S = 0.2
+"""How often is asked whether work is still wanted, seconds."""
 
 
 def default_workers() -> int:
@@ -42,8 +45,9 @@ class Settings:
 class Threads:
     """A pool of threads; numpy, OpenCV and GDAL leave the interpreter while they compute."""
 
-    def __init__(self, workers: int) -> None:
-        self.workers = workers
+    def __init__(self, workers: int, check: Callable[[], None] | None = None) -> None:
+        """So many workers; `check` is called while they are waited for, and raises to stop."""
+        self.workers, self._check = workers, check
         self.pool = ThreadPoolExecutor(workers, thread_name_prefix="gruber")
 
     def map(self, function: Callable[[A], B], items: Iterable[A]) -> Iterator[B]:
@@ -51,6 +55,9 @@ class Threads:
         futures: list[Future[B]] = [self.pool.submit(function, item) for item in items]
         try:
             for future in futures:
+                # One item can take half a minute: cancelling does not wait for it.
+                while self._check is not None and not wait([future], LOOKS_S).done:
+                    self._check()
                 yield future.result()
         finally:
             for future in futures:

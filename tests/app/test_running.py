@@ -53,6 +53,21 @@ def test_a_run_that_was_asked_to_stop_stops_at_its_next_word__law(tmp_path):
         running.tell({"event": "stage", "stage": "scans"})
 
 
+def test_a_run_that_was_asked_to_stop_says_so_until_it_has__truth(tiny_block, tmp_path):
+    import shutil
+
+    folder = tmp_path / "block"
+    shutil.copytree(tiny_block, folder)
+    running = Running(folder)
+    assert not running.status()["cancelling"]
+    running.start()
+    running.cancel()
+    status = running.status()
+    assert status["cancelling"] == (status["state"] == "running")
+    running.close()
+    assert not running.status()["cancelling"]
+
+
 def test_a_block_that_cannot_be_read_fails_with_its_words__truth(tmp_path):
     running = Running(tmp_path)
     running.start()

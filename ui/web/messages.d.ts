@@ -530,6 +530,8 @@ interface RunLine {
 }
 interface Run {
   state: "idle" | "running" | "failed" | "cancelled" | "done";
+  /** It was asked to stop. */
+  cancelling?: boolean;
   lines: RunLine[];
   stages: string[];
   log: Told[];

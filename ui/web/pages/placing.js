@@ -10,7 +10,7 @@ import { ARROWS, Pane, View, inverse, mapped, oncePerFrame } from "./view.js";
 import { listenToKeys } from "./keys.js";
 import { nextTheme, setUpTheme } from "./theme.js";
 import {
-  beginRun, cancelRun, post, runLines, runNow, setUpSettings, tell, watchRun,
+  beginRun, cancelButton, post, runLines, runNow, setUpSettings, tell, watchRun,
 } from "./run.js";
 
 /** @typedef {"scan" | "ortho"} Side */
@@ -389,7 +389,7 @@ function showRun() {
     class: ready ? "on" : "", onclick: beginRun,
   };
   const button = now === "running"
-    ? element("button", { disabled: start.guest, onclick: cancelRun }, word("remake.cancel"))
+    ? cancelButton()
     : element("button", rerun, word("placing.run"));
   renew(byId("placing-run"),
     element("h2", {}, word("placing.run.title")), ...runLines("placing.done"),

@@ -48,11 +48,18 @@ export async function beginRun() {
   watchRun(state.changed);
 }
 
-export async function cancelRun() {
+async function cancelRun() {
+  state.run.cancelling = true;
+  state.changed();
   const answer = await post("/run/cancel");
   if (answer.ok === false) tell(answer.error ?? "", true);
   watchRun(state.changed);
 }
+
+/** What stops the run: out of use once it was asked to. */
+export const cancelButton = () => element("button", { type: "button", "data-act": "remake.cancel",
+  disabled: start.guest || state.run.cancelling, onclick: cancelRun },
+word(state.run.cancelling ? "run.cancelling" : "remake.cancel"));
 
 /**
  * Ask again and again how far the run is. What follows on the same port, such as the desk, takes

@@ -1,7 +1,7 @@
 // The start page: what a folder holds and lacks, files into it, its settings, and the run.
 import { again, all, byId, element, fillWords, first, number, renew, start, word }
   from "./words.js";
-import { beginRun, cancelRun, lookAgain, post, runLines, runNow, settle, tell, watchRun }
+import { beginRun, cancelButton, lookAgain, post, runLines, runNow, settle, tell, watchRun }
   from "./run.js";
 import { dropWritten, fillFields, formShown, formValues, goToField, recallWritten, settleWritten,
   showForm } from "./start_form.js";
@@ -316,7 +316,7 @@ function showGo(judged) {
   renew(byId("go"), ...busy, ...whole, ...mend, ...lacks,
     element("ul", { class: "holds" }, ...said), ...ahead,
     element("div", { class: "acts" },
-      running ? act("remake.cancel", cancelRun)
+      running ? cancelButton()
         : act("placing.run", run, { class: ready && !stops ? "on main" : "main",
           disabled: start.guest || !ready || stops }),
       act("start.save", () => save(), { disabled: start.guest || running }),
@@ -357,7 +357,7 @@ function showRun() {
   const lines = runLines("placing.done");
   renew(byId("run"), element("h2", {}, word("start.run")),
     ...(lines.length ? lines : [element("p", { class: "muted" }, word("start.run.idle"))]));
-  if (state.found) showGo(state.found.form);
+  if (state.found) showGo(state.judged);
   const { state: now } = runNow();
   if (now === "running" && state.tab !== "run") choose("run");
   if (now === "failed" || now === "cancelled") load();
