@@ -162,7 +162,7 @@ def test_undo_of_a_signature_is_asked_about_first__law(desk: Any):
     assert [type(one.decision) for one in desk.session.decisions()] == [SignBlock]
     desk.loop.submit(Undone("anna-1"))
     desk.glass.until(lambda glass: ("anna-1", "notice.undo.SignBlock") in glass.notices)
-    assert not asked(desk.glass)
+    desk.glass.until(lambda glass: not asked(glass))
     assert len(desk.session.decisions()) == 2
 
 
