@@ -109,8 +109,20 @@ def trial_of(state: DeskState, subject: Key | Draft, report: AdjustmentReport) -
     turned = not isinstance(subject, Draft) and _takes_part(state, measurement)
     against = {one.key: one.test for one in report.contradictions}.get(key)
     neighbours = _neighbours(state, key, report)
-    out = tuple(sorted(report.rejected.keys() - state.report.rejected.keys() - {key}))
-    return Trial(key, turned, report.sigma_nought, shift, most, neighbours, against, out)
+    return Trial(
+        key, turned, report.sigma_nought, shift, most, neighbours, against,
+        left_out=_left_out_then(state, key, report),
+    )  # fmt: skip
+
+
+def _left_out_then(state: DeskState, key: Key, report: AdjustmentReport) -> tuple[Key, ...]:
+    """Other measurements that a trial leaves out and the adjustment on screen does not."""
+    then = replace(state, report=report)
+    return tuple(sorted(
+        one
+        for one in {*state.block.measurements, *report.rejected} - {key}
+        if then.left_out(one) and not state.left_out(one)
+    ))  # fmt: skip
 
 
 def largest_shift(now: Block, then: Block) -> tuple[float, str]:

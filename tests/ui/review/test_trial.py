@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from core.adjustment.adjusted import AdjustmentOptions
+from core.control.stage import adjusted_without_gross
 from sessions.decisions import Place
 from tests.ui.desk_block import adjust, tiny_block, tiny_snapshot
 from ui.review.state import DeskState, Draft
@@ -59,6 +61,24 @@ def test_a_trial_says_what_it_leaves_out__law(state):
     other = next(one for one in state.report.residuals_px if one != key)
     more = replace(report, rejected={**report.rejected, other: "gross error", key: "gross error"})
     assert TrialWork(state, key).conclude(more).left_out == (other,)
+
+
+def test_a_blunder_kept_leaves_out_what_its_draft_told__truth(state):
+    """A draft 8 m off threw out the same point in another photo, and nothing told it."""
+    options = AdjustmentOptions(estimate_cameras=False)
+    now = replace(state, report=adjusted_without_gross(state.block, options))
+    used = [key for key, one in now.block.measurements.items() if now.shown_state(one) == "auto"]
+    # Two photos show it: neither ray can tell which of them is wrong.
+    key, other = sorted(key for key in used if key[0] == "J124")
+    photo, placed = now.oriented.photos[key[1]], now.block.measurements[key]
+    away = 8 / photo.ground_pixel_m(now.oriented.camera_of(key[1]))
+    work = TrialWork(now, Draft(key, Place(*key, placed.column, placed.row + away)))
+    block = work.block()
+    report = adjusted_without_gross(block, options)
+    kept = replace(now, block=block, report=report)
+    unused = {one for one in used if kept.shown_state(block.measurements[one]) == "unused"}
+    assert other in unused
+    assert set(work.conclude(report).left_out) == unused - {key}
 
 
 def test_a_check_point_and_what_is_gone_change_nothing__law(state):
