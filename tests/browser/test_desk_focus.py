@@ -218,7 +218,7 @@ def test_what_the_sheet_leads_to_is_never_an_empty_queue__law(overheard: Any) ->
     assert leads == 1
     page.wait_for_selector("#quality", state="hidden")
     page.wait_for_function("gruber.parts.queue.filter.role === 'control'")
-    # The order is asked for by a second message.
+    # The order is asked for by a message of its own.
     page.wait_for_function("gruber.parts.queue.sort.column === 'misfit'")
     assert page.evaluate("gruber.parts.queue.filter.state") == "all"
     assert not page.is_visible("#queue-empty")
@@ -238,7 +238,7 @@ def test_a_rule_tells_how_many_more_there_are_and_leads_to_all__law(overheard: A
     )
     page.click("[data-rule=against] button")
     page.wait_for_function("gruber.parts.queue.filter.state === 'disputed'")
-    page.wait_for_function("gruber.parts.queue.sort.column === 'misfit'")
+    page.wait_for_function("gruber.parts.queue.sort.column === 'gain'")
 
 
 def test_a_remark_is_typed_on_while_the_block_is_adjusted__law(overheard: Any) -> None:

@@ -21,6 +21,7 @@ from ui.review.state import (
     Kind,
     QueueFilter,
     Seat,
+    SortColumn,
     Sorting,
     StateFilter,
 )
@@ -302,14 +303,19 @@ def with_filter(seat: Seat, rows: Mapping[Key, Row], wanted: QueueFilter) -> Sea
     if wanted.area not in ((), seat.filter.area) and not seat.scene.inside:
         # An area takes points of all photos: those of a chosen one are no longer shown alone.
         seat = replace(seat, scene=replace(seat.scene, photo=""))
+    # What is disputed has become so since the queue was sorted.
+    worst_first = wanted.state == "disputed" and (
+        wanted == seat.filter or seat.filter.state != "disputed"
+    )
+    if worst_first:
+        seat = replace(seat, order=sort_keys(rows.values(), seat.sorting))
     seat = replace(seat, filter=wanted, places=tuple(places.items()))
     shown = visible(rows, seat)
+    if worst_first:
+        there = next(iter(shown), there)
     if there not in shown:
-        there = (
-            seat.current
-            if seat.current in shown
-            else neighbour(shown, replace(seat, current=there), 1)
-        )
+        beside = neighbour(shown, replace(seat, current=there), 1)
+        there = seat.current if seat.current in shown else beside
     return replace(seat, current=there)
 
 
@@ -396,8 +402,8 @@ def _row(state: DeskState, measurement: Measurement, figures: QueueFigures) -> R
     grounds = grounds_of(measurement, misfit, controlled, disputed)
     doubt = 1 - math.prod(1 - ground.weight for ground in grounds)
     human = measurement.status in ("accepted", "rejected", "dubious")
-    if not math.isnan(disputed):
-        gain = disputed / (1 + disputed)
+    if misfit and not math.isnan(disputed):
+        gain = misfit.ratio / (1 + misfit.ratio)
     elif human:
         gain = 0.0
     elif shown == "unused":
@@ -485,16 +491,8 @@ def _extra_row(state: DeskState, measurement: Measurement, misfit: Misfit | None
 
 
 def _figure(row: Row, sorting: Sorting) -> float | tuple[str, str]:
-    match sorting.column:
-        case "photo":
-            return row.key[1], row.key[0]
-        case "point":
-            return row.key
-        case "misfit":
-            return row.misfit_px
-        case "doubt":
-            return row.doubt
-        case "score":
-            return row.score
-        case _:
-            return row.gain
+    figures: dict[SortColumn, float | tuple[str, str]] = {
+        "photo": (row.key[1], row.key[0]), "point": row.key, "misfit": row.misfit_px,
+        "doubt": row.doubt, "score": row.score, "gain": row.gain,
+    }  # fmt: skip
+    return figures[sorting.column]

@@ -196,6 +196,31 @@ def test_an_accepted_blunder_passes_its_filter_and_heads_the_queue__truth(seed, 
     assert np.isnan(queue_row(after, NO_ROWS.renewed(state).figures, key).disputed_m)
 
 
+def test_what_is_disputed_stands_by_sigmas_and_opens_on_the_worst__truth(desk, seat):
+    """It stood as it had been sorted before anything was disputed, or by metres."""
+    keys, figures = seat.order[2:5], desk.table.figures
+    against = dict(zip(keys, ((5.0, 9.9), (2.0, 66.7), (3.0, 50.5)), strict=True))
+    misfits = {key: Misfit((m, 0.0), (m, 0.0), sigmas) for key, (m, sigmas) in against.items()}
+    told = replace(
+        figures,
+        misfits={**figures.misfits, **misfits},
+        disputed={key: metres for key, (metres, _) in against.items()},
+    )
+    state = desk.state
+    for key in keys:
+        accepted = replace(state.block.measurements[key], status="accepted")
+        state = replace(state, block=state.block.with_measurement(accepted))
+    rows = {**desk.rows, **{key: queue_row(state, told, key) for key in keys}}
+    after = with_filter(replace(seat, current=keys[0]), rows, QueueFilter("disputed"))
+    assert visible(rows, after) == (keys[1], keys[2], keys[0])
+    assert after.current == keys[1]
+    # Asked for again it begins anew; what is narrowed stays where one is.
+    on = replace(after, current=keys[0])
+    assert with_filter(on, rows, QueueFilter("disputed")).current == keys[1]
+    narrowed = with_filter(on, rows, QueueFilter("disputed", text=keys[0][0]))
+    assert narrowed.current == keys[0]
+
+
 def test_what_comes_next_is_open_and_nobody_elses__law(desk, seat):
     ahead = coming(desk.rows, seat)
     assert all(desk.rows[key].state == "auto" for key in ahead)

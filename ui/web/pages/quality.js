@@ -95,17 +95,17 @@ function head({ sigma, mp, checks }) {
 
 /**
  * @typedef {{ state?: string, photo?: string, role?: string, area?: Pair[], key?: Key,
- *   worst?: boolean }} Aim a measurement among others of its state, or all of a photo, kind or
- *   place; `worst`: those furthest off are shown first
+ *   worst?: string }} Aim a measurement among others of its state, or all of a photo, kind or
+ *   place; `worst`: the column by which those furthest off are shown first
  */
 
 /** Goes on in the queue; where all of a state is decided, among what is. @param {Aim} aim */
-function goTo({ state: among = "all", photo = "", role = "", area = [], key, worst = false }) {
+function goTo({ state: among = "all", photo = "", role = "", area = [], key, worst }) {
   byId("quality").close();
   showAllParts();
   const filter = { photo, role, area, state: among };
+  if (worst) send({ kind: "sort", column: worst, descending: true });
   send({ kind: "filter", ...filter, state: key || lets(filter) ? among : "all" });
-  if (worst) send({ kind: "sort", column: "misfit", descending: true });
   if (key) send({ kind: "select", key });
 }
 
@@ -142,7 +142,7 @@ const toReadings = () => {
   openChecks(undefined);
 };
 
-const DISPUTED = { state: "disputed", worst: true };
+const DISPUTED = { state: "disputed", worst: "gain" };
 const CHECKS = { role: "check" };
 /** What the queue has of doubts about many measurements. @type {Record<string, Aim | undefined>} */
 const AIMS = {
@@ -187,7 +187,7 @@ function lookFor({ photos: flown }, text, values) {
     Boolean(worst && photo && !more && !(Number(count) > 1))
       && { state: among, key: [worst, photo] },
     isPhoto && !FLOWN.includes(kind) && { photo: worst },
-    Boolean(CLASS_ROLES[of]) && { state: "open", role: CLASS_ROLES[of], worst: true },
+    Boolean(CLASS_ROLES[of]) && { state: "open", role: CLASS_ROLES[of], worst: "misfit" },
     AIMS[kind],
   ];
   const aim = aims.find((one) => one && (one.key || lets({ ...one, state: "all" })));
