@@ -288,8 +288,8 @@ class ReviewLoop:
         elif seat.begun or before.begun:
             seat = keep_seat_up(seat, self._seen_by(seat).rows)
         self._now = self._now.with_seat(seat)
-        if outcome.notice is not None:
-            self._screen.tell(seat.seat_id, outcome.notice)
+        for notice in filter(None, (*outcome.left, outcome.notice)):
+            self._screen.tell(seat.seat_id, notice)
         if outcome.answer is not None:
             name, part = outcome.answer
             self._screen.show(seat.seat_id, {name: part})

@@ -98,6 +98,8 @@ class Outcome:
     """What else the loop shall do."""
     notice: Notice | None = None
     """What to tell the operator."""
+    left: tuple[Notice, ...] = ()
+    """Why some of several were left as they are."""
     answer: tuple[str, Part] | None = None
     """Name and content of what only answers this gesture, for the page to show."""
 
@@ -216,12 +218,12 @@ def _lies_against(key: Key, desk: DeskSnapshot) -> bool:
 
 def _judge_together(gesture: JudgedTogether, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """One verdict on several, recorded as one act; what contradicts the block is not accepted."""
-    decided, done, far = list[Decision](), list[Key](), 0
-    notice, looked_at, moved = None, seat.current, False
+    decided, done, left = list[Decision](), list[Key](), list[Notice]()
+    drafts, far, looked_at, moved = 0, 0, seat.current, False
     for key in sorted(gesture.keys, key=lambda key: seat.order.index(key)):
         draft = seat.draft_of(key) if gesture.verdict == "accept" else None
         if draft and is_to_be_asked(desk.state, seat, draft, desk.recorded):
-            notice = Notice("notice.still-drafts")
+            drafts += 1
             continue
         if gesture.verdict == "accept" and not draft and _lies_against(key, desk):
             far += 1
@@ -234,15 +236,17 @@ def _judge_together(gesture: JudgedTogether, seat: Seat, desk: DeskSnapshot) -> 
         ]
         done.append(key)
         moved = moved or one.seat.current != looked_at
-        seat, notice = replace(one.seat, current=looked_at), notice or one.notice
-    if far:
-        notice = Notice("notice.far-off", {"count": f"{far}"})
+        seat = replace(one.seat, current=looked_at)
+        if one.notice and one.notice not in left:
+            left.append(one.notice)
+    counted = ("notice.still-drafts", drafts), ("notice.far-off", far)
+    left += [Notice(text, {"count": f"{count}"}) for text, count in counted if count]
     if moved:
         seat = replace(seat, current=_next_open(seat, desk, done))
     asked = [(one.point_id, one.photo_id) for one in decided if isinstance(one, Reject)]
     # One reason for all, where there is nothing else among them.
     seat = replace(seat, explaining=tuple(asked) if len(asked) == len(decided) else ())
-    return Outcome(seat, tuple(decided), notice=notice)
+    return Outcome(seat, tuple(decided), left=tuple(left))
 
 
 def _next_open(seat: Seat, desk: DeskSnapshot, done: Sequence[Key] = ()) -> Key | None:

@@ -169,13 +169,17 @@ def test_several_at_once_are_one_act_and_drafts_in_doubt_wait__law(desk, seat):
     seat = seat.with_draft(Draft(keys[2], Place(*keys[2], *map(float, pixel + 40))))
     found = outcome_of(JudgedTogether(seat.seat_id, keys[::-1], "accept"), seat, desk)
     assert found.decisions == tuple(Accept(*key) for key in keys if key != keys[2])
-    assert found.notice.text == "notice.still-drafts"
+    assert found.left == (Notice("notice.still-drafts", {"count": "1"}),)
     assert found.seat.draft_of(keys[2]) is not None
     # Those that nobody moved wait as well, and are counted.
     far = [key for key in visible(desk.rows, seat) if key not in plain(desk, seat)]
     found = outcome_of(JudgedTogether(seat.seat_id, (*far, keys[0]), "accept"), seat, desk)
     assert found.decisions == (Accept(*keys[0]),)
-    assert found.notice == Notice("notice.far-off", {"count": f"{len(far)}"})
+    apart = Notice("notice.far-off", {"count": f"{len(far)}"})
+    assert found.left == (apart,)
+    # Each reason is told.
+    found = outcome_of(JudgedTogether(seat.seat_id, (*far, *keys), "accept"), seat, desk)
+    assert found.left == (Notice("notice.still-drafts", {"count": "1"}), apart)
 
 
 def test_a_measurement_against_the_block_is_asked_about_once__law(desk, seat):
