@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { sifted } from "../../ui/web/pages/queue.js";
+import { extended, sifted } from "../../ui/web/pages/queue.js";
 import { mergeRows } from "../../ui/web/pages/wire.js";
 
 const row = (point, photo, role, state, disputed = null) =>
@@ -83,4 +83,12 @@ test("a table that got shorter loses its end, one that got longer grows__truth",
   assert.equal(mergeRows(known, { "rows/2": lines(3, "auto"), "rows/count": 103 }).length, 103);
   assert.equal(mergeRows(known, { "rows/2": lines(50, "auto"), "rows/count": 150 }).length, 150);
   assert.equal(mergeRows(known, { queue: {} }), null);
+});
+
+test("a range marks both its ends, beside what was marked one by one__truth", () => {
+  const shown = ["a", "b", "c", "d"];
+  const marked = (kept, from, to) => [...extended(shown, kept, from, to)].sort().join("");
+  const ranges = [[1, 2], [2, 1], [1, 1]].map((range) => marked([], ...range));
+  assert.deepEqual(ranges, ["bc", "bc", "b"]);
+  assert.equal(marked(["a", "gone"], 2, 3), "acd");
 });

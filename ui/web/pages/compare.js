@@ -17,6 +17,7 @@ import {
   drawEllipse, drawPatch, drawReadings, ellipseRadius, rawFromGround,
 } from "./expected.js";
 import { beside, drawTogether, showTools, worksTogether } from "./together.js";
+import { ofOne } from "./queue.js";
 import { finishBefore, send } from "./wire.js";
 
 /** @typedef {"ortho" | "scan" | "swipe" | "blend"} Content */
@@ -381,8 +382,7 @@ function drawMarks(pane, point) {
 
 /** @param {Context} context @param {Pane} pane @param {Point} point */
 function scanMarks(context, pane, point) {
-  const { marks, raw, peaks } = point;
-  const { palette } = start;
+  const [{ marks, raw, peaks }, { palette }] = [point, start];
   marks.peaks.forEach((place, index) => {
     if (peaks[index].away < 0.05) return;
     const [x, y] = onScreen(pane, point, place, raw.peaks[index]);
@@ -420,13 +420,13 @@ function describe(pane, point, { ground, raw }) {
 }
 
 /** @param {Pane} pane @param {Place} at */
-function putMark(pane, { ground, raw }) {
+const putMark = (pane, { ground, raw }) => ofOne(() => {
   if (!state.point) return;
   // The draft stands there at once; the desk's answer puts it where it is kept.
   state.nudged = raw ?? ground;
   redraw();
   sendPlace(pane, state.point.key, state.nudged);
-}
+})();
 
 /** @param {Pane} pane @param {Key} key @param {Pair} place */
 const sendPlace = (pane, key, place) =>

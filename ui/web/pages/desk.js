@@ -3,7 +3,7 @@ import {
   all, byId, element, fillWords, focused, glyph, keyName, learnNames, start, stateGlyph, tip, word,
 } from "./words.js";
 import {
-  areaShown, clearMarked, markCurrent, markedKeys, setUpQueue, showAll, showQueue,
+  areaShown, clearMarked, markedKeys, ofOne, setUpQueue, showAll, showQueue, walk,
 } from "./queue.js";
 import { showMany, showPoint } from "./point.js";
 import {
@@ -89,10 +89,6 @@ const judge = (verdict) => decide(() => {
 function sendOf(message) {
   if (state.parts.point) send({ ...message(state.parts.point) });
 }
-
-/** What is about one row says so while several are marked. @param {() => unknown} act */
-const ofOne = (act) => () => (markedKeys().length
-  ? tell({ text: "notice.one-row", values: {}, grave: false }) : act());
 
 /** Every place that is proposed for the current point, as one decision. */
 function acceptProposals() {
@@ -237,8 +233,9 @@ function pictureKey(event, down) {
     if (down) zoomCompare(ZOOMS[event.key]);
     return true;
   }
-  if (ARROWS[event.key] && event.view === window) {
-    if (down) arrow(event);
+  const [inQueue, ends] = [byId("queue").contains(focused()), ["Home", "End"].includes(event.key)];
+  if ((ARROWS[event.key] || (ends && inQueue)) && event.view === window) {
+    if (down) inTurn(() => (inQueue ? walk(event) : arrow(event)));
     return true;
   }
   if (!/^[1-5]$/.test(event.key)) return false;
@@ -262,15 +259,8 @@ function actKey(event, down, name) {
 /** @param {KeyboardEvent} event */
 function arrow(event) {
   const [right, down] = ARROWS[event.key];
-  if (byId("queue").contains(focused())) {
-    inTurn(() => {
-      if (down && event.shiftKey) markCurrent();
-      if (down) send({ kind: "step", step: down });
-    });
-    return;
-  }
   const step = event.shiftKey ? 1 : 0.1;
-  inTurn(() => nudge(right * step, down * step));
+  ofOne(() => nudge(right * step, down * step))();
 }
 
 // Asked by the scene, whose frames wait where drawing is slow.
@@ -436,7 +426,7 @@ async function open() {
   setUpQueue((count) => {
     showMany(count);
     askAboutMany(count);
-  });
+  }, () => tell({ text: "notice.one-row", values: {}, grave: false }));
   setUpCompare();
   setUpScene();
   setUpPeople();

@@ -5,6 +5,7 @@ import {
 } from "./words.js";
 import { leftOut } from "./asked.js";
 import { ellipseRadius } from "./expected.js";
+import { ofOne } from "./queue.js";
 import { send } from "./wire.js";
 
 const UNCHECKED = 0.1; // design: less than a tenth of an error would show in the residual
@@ -264,7 +265,7 @@ function showPeaks(point) {
     const place = here ? word("mark.measured")
       : word("peak.away", { distance: number(away, 1) });
     const title = `${operator} \u00b7 ${word("peak.tip")}`;
-    const choose = () => send({ kind: "peak", key, index });
+    const choose = ofOne(() => send({ kind: "peak", key, index }));
     return element("button",
       { class: `peak${here ? " on" : ""}`, "aria-pressed": `${here}`, title, onclick: choose,
         "data-peak": index },

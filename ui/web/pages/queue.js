@@ -3,7 +3,7 @@ import {
   MARKED_SIGMA, all, byId, element, learnPoints, number, roleGlyph, shortName, shortPoint, start,
   stateGlyph, turn, word,
 } from "./words.js";
-import { afterPause } from "./view.js";
+import { afterPause, letterOf } from "./view.js";
 import { finishBefore, send } from "./wire.js";
 
 const ROW = 25; // as `.row` in desk.css
@@ -34,13 +34,17 @@ const state = {
   queue: /** @type {SiftedQueue | null} */ (null),
   learnt: 0,
   drawn: /** @type {Map<number, HTMLElement>} */ (new Map()),
-  /** Rows to be decided together, by key; `anchor` is where a range of them begins. */
+  /** Rows to be decided together, by key: those kept one by one, and a range from `anchor` on. */
   marked: /** @type {Set<string>} */ (new Set()),
-  anchor: -1,
+  kept: /** @type {Set<string>} */ (new Set()),
+  anchor: "",
   /** True from a sort by hand until it is shown: one looks for the first then. */
   sorted: false,
   /** Hears how many rows are marked. */
   tellMarked: (/** @type {number} */ _count) => {},
+  /** Says that what was asked for is about one row. */
+  refuse: () => {},
+  hidden: false,
 };
 
 /** @param {number} index @returns {Key} */
@@ -58,10 +62,58 @@ export function clearMarked() {
   return true;
 }
 
-/** The current row, on the way to the next one. */
-export function markCurrent() {
-  const { queue, rows, marked } = state;
-  if (queue && rows[queue.current]) marked.add(textOf(queue.current));
+/** What is about one row says so while several are marked. @param {() => unknown} act */
+export const ofOne = (act) => () => (state.marked.size ? state.refuse() : act());
+
+/**
+ * What is marked with a range, both its ends among it, beside what was marked one by one.
+ * @param {string[]} shown @param {Iterable<string>} kept @param {number} from @param {number} to
+ */
+export const extended = (shown, kept, from, to) => new Set([
+  ...[...kept].filter((key) => shown.includes(key)),
+  ...shown.slice(Math.min(from, to), Math.max(from, to) + 1),
+]);
+
+/** All from the anchor up to a row, which is shown then. @param {number} place */
+function extendTo(place) {
+  const { queue, marked } = state;
+  if (!queue || !queue.shown.length) return;
+  if (!marked.size) Object.assign(state, { kept: new Set(), anchor: currentText() });
+  const shown = queue.shown.map(textOf);
+  const from = shown.indexOf(state.anchor);
+  state.marked = extended(shown, state.kept, from < 0 ? place : from, place);
+  send({ kind: "select", key: keyOf(queue.shown[place]) });
+  showQueue({});
+}
+
+function currentText() {
+  const { queue, rows } = state;
+  return queue && rows[queue.current] ? textOf(queue.current) : "";
+}
+
+/** @param {KeyboardEvent} event */
+function markAll(event) {
+  if (!(event.ctrlKey || event.metaKey) || letterOf(event) !== "KeyA") return;
+  event.preventDefault();
+  const marked = new Set(state.queue?.shown.map(textOf));
+  Object.assign(state, { marked, kept: new Set(), anchor: currentText() });
+  showQueue({});
+}
+
+/**
+ * To another row of the list; with Shift all on the way are marked.
+ * @param {KeyboardEvent} event
+ */
+export function walk({ key, shiftKey }) {
+  const { current = -1, shown = [] } = state.queue ?? {};
+  const [here, last] = [shown.indexOf(current), shown.length - 1];
+  const place = { ArrowUp: here - 1, ArrowDown: here + 1, Home: 0, End: last }[key];
+  if (place === undefined || last < 0) return;
+  const within = Math.min(Math.max(place, 0), last);
+  if (shiftKey) return extendTo(within);
+  clearMarked();
+  send(key.startsWith("Arrow") ? { kind: "step", step: key === "ArrowUp" ? -1 : 1 }
+    : { kind: "select", key: keyOf(shown[within]) });
 }
 
 /**
@@ -69,31 +121,30 @@ export function markCurrent() {
  * @param {MouseEvent} event @param {number} index
  */
 function pointAt(event, index) {
-  const { queue, marked, anchor } = state;
+  const { queue, marked } = state;
   if (!queue) return;
-  const place = queue.shown.indexOf(index);
-  if (event.shiftKey) {
-    const from = anchor >= 0 ? anchor : Math.max(0, queue.shown.indexOf(queue.current));
-    const range = queue.shown.slice(Math.min(from, place), Math.max(from, place) + 1);
-    range.forEach((at) => marked.add(textOf(at)));
-  } else if (event.ctrlKey || event.metaKey) {
+  if (event.shiftKey) return extendTo(queue.shown.indexOf(index));
+  if (event.ctrlKey || event.metaKey) {
     // The row one stands on is the first of them.
     const first = !marked.size;
-    if (first) markCurrent();
+    if (first && currentText()) marked.add(currentText());
     if (!(first && index === queue.current) && !marked.delete(textOf(index))) {
       marked.add(textOf(index));
     }
+    Object.assign(state, { kept: new Set(marked), anchor: textOf(index) });
   } else {
     marked.clear();
     send({ kind: "select", key: keyOf(index) });
   }
-  state.anchor = place;
   showQueue({});
 }
 
-/** @param {(count: number) => void} tellMarked hears how many rows are marked */
-export function setUpQueue(tellMarked) {
-  state.tellMarked = tellMarked;
+/**
+ * @param {(count: number) => void} tellMarked hears how many rows are marked
+ * @param {() => void} refuse says that what was asked for is about one row
+ */
+export function setUpQueue(tellMarked, refuse) {
+  Object.assign(state, { tellMarked, refuse });
   for (const name of STATES) {
     const look = /** @type {State} */ (LOOKS[name] ?? name);
     const mark = PLAIN.includes(name) ? null : stateGlyph(look, 13);
@@ -119,8 +170,8 @@ export function setUpQueue(tellMarked) {
   byId("sieve-text").addEventListener("change", () => byId("sieve-text").blur());
   byId("sieve-text").addEventListener("keydown", ({ key }) => {
     if (key !== "Escape") return;
+    if (!byId("sieve-text").value) return byId("sieve-text").blur();
     byId("sieve-text").value = "";
-    byId("sieve-text").blur();
     sieve({ text: "" });
   });
   byId("queue-empty").append(element("button", { id: "queue-all", onclick: showAll },
@@ -138,8 +189,9 @@ export function setUpQueue(tellMarked) {
       word(`column.${column}`)));
   }
   byId("queue-place").title = word("queue.marked.tip");
+  byId("table").addEventListener("keydown", markAll);
   byId("table").addEventListener("scroll", draw, { passive: true });
-  new ResizeObserver(draw).observe(byId("table"));
+  new ResizeObserver(resized).observe(byId("table"));
 }
 
 /**
@@ -352,6 +404,14 @@ function intoSight(place) {
   if (top < table.scrollTop + ROW || top > table.scrollTop + table.clientHeight - 3 * ROW) {
     table.scrollTop = Math.max(0, top - table.clientHeight * 0.4);
   }
+}
+
+/** What went on while the table was hidden could not scroll it. */
+function resized() {
+  const { queue, hidden } = state;
+  state.hidden = !byId("table").clientHeight;
+  if (hidden && !state.hidden && queue) intoSight(queue.shown.indexOf(queue.current));
+  draw();
 }
 
 function draw() {
