@@ -18,7 +18,14 @@ from app.new_block import Recognition, recognise_files
 from app.placing import drawn_raw
 from app.project import Project, read_project
 from app.running import Running
-from app.start_checks import Outline, checks_of, outlines_of, stages_ahead
+from app.start_checks import (
+    Outline,
+    are_sizes,
+    checks_of,
+    form_checks,
+    outlines_of,
+    stages_ahead,
+)
 from core.adjustment.adjusted import AdjustmentReport
 from core.doubts import Failure
 from core.errors import PhotogrammetryError, ProjectError, ScanError, StorageError
@@ -181,13 +188,14 @@ class Starting:
             }  # fmt: skip
 
     def judge(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """What is wrong with the form as it stands, and what it would make again.
+        """What is wrong and what is doubtful of the form as it stands, and what it makes again.
 
         Nothing is written.
         """
         judged = self.form.judged(values, self._recognition())
         with self._lock:
-            return {**judged.part(), "ahead": self._ahead(judged.project)}
+            ahead = self._ahead(judged.project)
+            return {**judged.part(), "ahead": ahead, "checks": form_checks(values)}
 
     def save(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Write `block.toml` unless something filled in cannot be used.
@@ -358,9 +366,9 @@ class Starting:
         if isinstance(reader, Failure):
             return {"photo": photo, "fields": None}
         frames = [value for key, value in values.items() if key.endswith(".frame_mm")]
-        frame_mm = frames[0] if frames and _are_sizes(frames[0], 2) else None
+        frame_mm = frames[0] if frames and are_sizes(frames[0], 2) else None
         pixel_um = values.get("scans.scan_pixel_um")
-        known_um = pixel_um if _are_sizes([pixel_um], 1) else None
+        known_um = pixel_um if are_sizes([pixel_um], 1) else None
         read = read_scan(paths[photo], reader, frame_mm, known_um)
         return {"photo": photo, "fields": read.part()}
 
@@ -479,15 +487,6 @@ def free_bytes(folder: Path) -> int:
     """Free space of a folder's disk."""
     stat = os.statvfs(folder)
     return stat.f_bavail * stat.f_frsize
-
-
-def _are_sizes(values: Any, count: int) -> bool:
-    """True for so many numbers above nought."""
-    return (
-        isinstance(values, list)
-        and len(cast("list[Any]", values)) == count
-        and all(isinstance(one, int | float) and one > 0 for one in cast("list[Any]", values))
-    )
 
 
 def _is_open_folder(entry: os.DirEntry[str]) -> bool:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import shapely
@@ -90,7 +90,10 @@ def checks_of(
         outlines: Where its files lie.
     """
     checks = [*_data(project), *_scans(project, scans), *_places(project, outlines)]
-    checks += _distances(project)
+    cameras = project.cameras.items()
+    checks += distance_doubts(
+        {name: (camera.principal_distance_mm, max(camera.frame_mm)) for name, camera in cameras}
+    )
     if not all(camera.fiducials_mm for camera in project.cameras.values()):
         checks.append([False, "fiducials", {}])
     # A file that cannot be read comes before what else a run would put up with.
@@ -146,14 +149,41 @@ def _scans(project: Project, scans: Mapping[str, str]) -> list[Check]:
     return checks
 
 
-def _distances(project: Project) -> Iterator[Check]:
-    """Principal distances that no camera has, told by the field of view that they would make."""
-    for name, camera in project.cameras.items():
-        distance_mm, side_mm = camera.principal_distance_mm, max(camera.frame_mm)
+def form_checks(values: Mapping[str, Any]) -> list[Check]:
+    """What of the figures of a form cannot be so, while it is written."""
+    cameras: dict[str, tuple[float, float]] = {}
+    for name in (key.removesuffix(".frame_mm") for key in values if key.endswith(".frame_mm")):
+        distance, frame = (
+            values.get(f"{name}.principal_distance_mm", 0.0),
+            values[f"{name}.frame_mm"],
+        )
+        if are_sizes([distance], 1) and are_sizes(frame, 2):
+            cameras[name.partition(".")[2]] = (distance, max(frame))
+    return distance_doubts(cameras)
+
+
+def distance_doubts(cameras: Mapping[str, tuple[float, float]]) -> list[Check]:
+    """Principal distances that no camera has, told by the field of view that they would make.
+
+    Args:
+        cameras: Principal distance and longer side of the frame by camera, millimetres.
+    """
+    checks: list[Check] = []
+    for name, (distance_mm, side_mm) in cameras.items():
         if not SHORTEST <= distance_mm / side_mm <= LONGEST:
-            field_deg = float(2 * np.degrees(np.arctan(camera.half_mm / distance_mm)))
+            field_deg = float(2 * np.degrees(np.arctan(side_mm / 2 / distance_mm)))
             values = {"distance": distance_mm, "frame": side_mm, "field": field_deg, "name": name}
-            yield [False, "distance", values]
+            checks.append([False, "distance", values])
+    return checks
+
+
+def are_sizes(values: Any, count: int) -> bool:
+    """True for so many numbers above nought."""
+    return (
+        isinstance(values, list)
+        and len(cast("list[Any]", values)) == count
+        and all(isinstance(one, int | float) and one > 0 for one in cast("list[Any]", values))
+    )
 
 
 def _places(project: Project, outlines: Sequence[Outline]) -> list[Check]:

@@ -265,11 +265,13 @@ def test_a_principal_distance_that_no_camera_has_is_told__truth(
     """A slip of the decimal point passed; the last two are 85 and 610 mm at 230 mm, scaled."""
     starting = Starting(data)
     starting.save(values_of(starting) | {DISTANCE: distance_mm})
+    typed = values_of(starting) | {DISTANCE: distance_mm}
     checks = [one for one in starting.found()["checks"] if one[1] == "distance"]
+    assert starting.judge(typed)["checks"] == checks, "told while it is written, too"
     assert [grave for grave, _, _ in checks] == [False] * bool(told)
     for _, _, values in checks:
         assert told in Teller("en")("check.distance", **values)
-        assert "principal_distance_mm" in Teller("cs")("check.distance", **values)
+        assert "Konstantu komory" in Teller("cs")("check.distance", **values)
 
 
 def test_a_block_in_the_list_tells_figures_open_faults_and_who_signed__truth(

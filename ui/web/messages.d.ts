@@ -571,11 +571,14 @@ interface FormField {
   /** What a proposal was reckoned from: `form.why.NAME` and a size in metres. */
   why?: [name: string, size: number];
 }
+type FormCheck = [grave: boolean, name: string, values: Record<string, unknown>];
 interface Judged {
   /** By field; under no name what concerns the whole file. */
   errors: Record<string, Told>;
   missing: string[];
   ready: boolean;
+  /** What of its figures is doubtful, as it stands while it is written. */
+  checks?: FormCheck[];
 }
 interface Form extends Judged {
   sections: { table: string; kind: string; fields: FormField[] }[];
@@ -599,7 +602,7 @@ interface Found {
   links: string[];
   /** Files and folders that were uploaded to this page. */
   added: string[];
-  checks: [grave: boolean, name: string, values: Record<string, unknown>][];
+  checks: FormCheck[];
   /** Stages that a run would make again. */
   ahead: string[];
   made: boolean;

@@ -10,6 +10,7 @@ import { afterPause } from "./view.js";
 import { nextTheme, setUpTheme } from "./theme.js";
 
 const TABS = ["film", "map", "run"];
+const ASKED = ["distance"]; // checks without which a run is asked for once more
 const state = {
   found: /** @type {Found | null} */ (null),
   uploads: /** @type {Upload[]} */ ([]),
@@ -18,6 +19,8 @@ const state = {
   /** What a hand has changed is being checked; and it is another than the file has. */
   checking: false,
   touched: false,
+  /** The doubts in spite of which a run was asked for once. */
+  asked: "",
   judged: /** @type {Judged} */ ({ errors: {}, missing: [], ready: false }),
 };
 
@@ -265,7 +268,7 @@ async function link(path) {
 
 function changed() {
   if (start.guest) return;
-  Object.assign(state, { checking: true, touched: true });
+  Object.assign(state, { checking: true, touched: true, asked: "" });
   showGo(state.judged);
   judgeSoon();
 }
@@ -290,8 +293,8 @@ function showGo(judged) {
   const { found, checking, touched } = state;
   const { missing, errors, ready } = judged;
   const { state: now } = runNow();
-  // Checks are of the file: what was changed since is checked when it is saved, before a run.
-  const checks = (ready && !touched && found?.checks) || [];
+  // All checks are of the file; of what was changed since, those of the form's figures alone.
+  const checks = (touched ? judged.checks : ready && found?.checks) || [];
   const stops = checks.some(([grave]) => grave);
   const said = checks.map(([grave, name, values]) =>
     element("li", { class: grave ? "needs" : "lacks" }, element("i", {}, grave ? "\u2717" : "!"),
@@ -309,8 +312,9 @@ function showGo(judged) {
     word("start.ahead", { what: found.ahead.map((name) => word(`stage.${name}`)).join(", ") }))]
     : found?.made ? [element("p", { class: "muted" }, word("start.fresh"))] : [];
   const act = (/** @type {string} */ name, /** @type {() => void} */ onclick,
-    /** @type {object} */ more = {}) => element("button",
-    { type: "button", "data-act": name, disabled: start.guest, onclick, ...more }, word(name));
+    /** @type {object} */ more = {}, label = name) => element("button",
+    { type: "button", "data-act": name, disabled: start.guest, onclick, ...more }, word(label));
+  const begins = state.asked && doubted(checks) === state.asked ? "start.run.anyway" : "placing.run";
   const running = now === "running" || now === "done";
   const busy = checking ? [element("p", { class: "muted" }, word("start.checking"))] : [];
   renew(byId("go"), ...busy, ...whole, ...mend, ...lacks,
@@ -318,7 +322,7 @@ function showGo(judged) {
     element("div", { class: "acts" },
       running ? cancelButton()
         : act("placing.run", run, { class: ready && !stops ? "on main" : "main",
-          disabled: start.guest || !ready || stops }),
+          disabled: start.guest || !ready || stops }, begins),
       act("start.save", () => save(), { disabled: start.guest || running }),
       touched ? act("start.discard", discard) : null,
       found?.made ? act("start.desk", () => open(".")) : null,
@@ -345,10 +349,20 @@ async function save() {
   return true;
 }
 
-/** What takes a second is looked at first. */
+/** Figures that are asked about before a run, as one text. @param {FormCheck[]} checks */
+const doubted = (checks) => checks.filter(([, name]) => ASKED.includes(name))
+  .map(([, name, values]) => word(`check.${name}`, values)).join(" ");
+
+/** What takes a second is looked at first; what is doubtful is asked about once. */
 async function run() {
   const { found } = state;
   if (!await save() || state.found?.checks.some(([grave]) => grave)) return;
+  const doubts = doubted(state.found?.checks ?? []);
+  if (doubts !== state.asked) {
+    state.asked = doubts;
+    showGo(state.judged);
+    if (doubts) return tell(doubts, true, "/run");
+  }
   if (found) choose("run");
   await beginRun();
 }
