@@ -87,13 +87,26 @@ def test_a_run_is_cancelled_and_the_settings_stay__truth(page, tiny_block):
     for kind in ("scans", "ortho"):
         add(page, kind, "folder", tiny_block / kind)
     add(page, "dem", "files", tiny_block / "dem.tif")
-    page.fill("#field-camera-film-principal_distance_mm", "211.59")
+    distance = "#field-camera-film-principal_distance_mm"
+    gap = "#holdings .lacks:has-text('the principal distance')"
+    page.wait_for_selector(gap)
+    page.fill(distance, "some")
+    page.wait_for_selector("#mend")
+    assert page.query_selector(gap), "what cannot be used fills no gap"
+    # A figure that no camera has is told as it is written, and a run asks once more.
+    page.fill(distance, "21.159")
+    page.wait_for_selector("#go .lacks:has-text('Principal distance')")
+    page.wait_for_selector(gap, state="detached")
+    page.click('[data-act="placing.run"]:not(:disabled)')
+    page.wait_for_selector('[data-act="placing.run"]:has-text("all the same")')
+    assert not page.query_selector(".stage")
+    page.fill(distance, "211.59")
+    page.wait_for_selector("#go .lacks", state="detached")
     page.wait_for_selector('[data-act="placing.run"]:not(:disabled)')
     page.click('[data-act="placing.run"]')
     page.wait_for_selector(".stage.now")
     page.click('[data-act="remake.cancel"]')
     page.wait_for_selector(".stage.stopped")
-    distance = "#field-camera-film-principal_distance_mm"
     assert page.input_value(distance) == "211.59"
     page.wait_for_selector('[data-act="placing.run"]:not(:disabled)')
     # What is written and not saved outlives the page, until it is discarded.

@@ -10,7 +10,8 @@ import { afterPause } from "./view.js";
 import { nextTheme, setUpTheme } from "./theme.js";
 
 const TABS = ["film", "map", "run"];
-const ASKED = ["distance"]; // checks without which a run is asked for once more
+const BROWSED = "gruber.browsed"; // the folder that was looked into last
+const ASKED = ["distance"]; // what is doubted of these is asked about before a run
 const state = {
   found: /** @type {Found | null} */ (null),
   uploads: /** @type {Upload[]} */ ([]),
@@ -31,7 +32,7 @@ async function load() {
   if (found.error) return tell(found.error, true);
   const touched = recallWritten(found.folder);
   if (touched && !state.found) tell(word("start.recalled"));
-  Object.assign(state, { found, touched });
+  Object.assign(state, { found, touched, judged: found.form });
   show();
   if (touched) changed();
 }
@@ -94,7 +95,8 @@ function dropPart() {
     { type: "button", "data-act": name, disabled: start.guest, onclick }, word(name));
   const drop = element("div", { id: "drop" }, element("span", {}, word("start.drop")),
     element("div", { class: "acts" }, act("start.add.files", () => pick(false)),
-      act("start.add.folder", () => pick(true)), act("start.link", () => browse(""))));
+      act("start.add.folder", () => pick(true)),
+      act("start.link", () => browse(sessionStorage.getItem(BROWSED) ?? ""))));
   return [element("h2", {}, word("start.files")), drop, ...state.uploads.map(uploadLine)];
 }
 
@@ -126,7 +128,10 @@ function holdings(folder) {
   const have = found.map(([name, value]) =>
     line("have", "\u2713", ...breakable(
       `${word(`found.${name}`)}: ${name === "begin" ? word(`choice.${value}`) : again(value)}`)));
-  const filled = new Set(Object.entries(formValues()).filter(([, value]) => value !== null)
+  // What cannot be used fills no gap.
+  const { errors } = state.judged;
+  const filled = new Set(Object.entries(formValues())
+    .filter(([name, value]) => value !== null && !errors[name])
     .map(([name]) => name.replace(/^(\w+)\..*?(\w+)$/, "$1.$2")));
   const lacking = gaps.filter(([, , keys]) => !keys.some((key) => filled.has(key)));
   const lacks = lacking.map(([name, out]) => line(out === "nothing" ? "needs" : "lacks",
@@ -235,8 +240,12 @@ async function dropped({ items }) {
 async function browse(path) {
   const dialog = /** @type {HTMLDialogElement} */ (byId("folders"));
   const answer = await post("/folders", { path });
-  if (!answer.ok) return tell(answer.error, true, "/folders");
+  if (!answer.ok) {
+    sessionStorage.removeItem(BROWSED);
+    return tell(answer.error, true, "/folders");
+  }
   const { path: here, parent, folders, files, block } = answer;
+  sessionStorage.setItem(BROWSED, here);
   const step = (/** @type {string} */ name, /** @type {string} */ to) => element("li", {},
     element("button", { onclick: () => browse(to) }, name));
   const act = (/** @type {string} */ name, /** @type {() => void} */ done, on = false) =>
@@ -314,7 +323,8 @@ function showGo(judged) {
   const act = (/** @type {string} */ name, /** @type {() => void} */ onclick,
     /** @type {object} */ more = {}, label = name) => element("button",
     { type: "button", "data-act": name, disabled: start.guest, onclick, ...more }, word(label));
-  const begins = state.asked && doubted(checks) === state.asked ? "start.run.anyway" : "placing.run";
+  const begins = state.asked && doubted(checks) === state.asked ? "start.run.anyway"
+    : "placing.run";
   const running = now === "running" || now === "done";
   const busy = checking ? [element("p", { class: "muted" }, word("start.checking"))] : [];
   renew(byId("go"), ...busy, ...whole, ...mend, ...lacks,
