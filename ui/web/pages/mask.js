@@ -22,6 +22,8 @@ const state = {
   camera: false,
   width: 2,
   outline: /** @type {Pair[]} */ ([]),
+  /** Why a gesture came to nothing. */
+  said: "",
   cursor: /** @type {Pair | null} */ (null),
   pane: /** @type {Pane | null} */ (null),
   // design: from a whole scan at once to 40 pixels of the screen for one of the scan.
@@ -63,7 +65,7 @@ export function openMask(known, photo) {
   if (sheet.open) return sheet.close();
   renew(first(".view-body", sheet), element("p", { class: "muted" }, word("wait")));
   sheet.showModal();
-  Object.assign(state, { outline: [], fitted: "", current: photo ?? state.current });
+  Object.assign(state, { outline: [], said: "", fitted: "", current: photo ?? state.current });
   if (known) showMask(known);
   send({ kind: "sheet", sheet: "mask", shown: true });
 }
@@ -132,7 +134,8 @@ function head() {
 
 /** @param {Tool} tool */
 function use(tool) {
-  Object.assign(state, { tool, outline: [] });
+  if (state.outline.length) return tell("mask.unfinished");
+  state.tool = tool;
   refresh();
 }
 
@@ -156,7 +159,9 @@ function side({ photos, strokes, ties }) {
     }),
     element("button", { class: "small", disabled: start.guest,
       onclick: () => send({ kind: "back", decision: drawn.id }) }, word("history.back"))));
-  return element("aside", {}, element("h3", {}, word("placing.scans")),
+  const held = state.said
+    ? [element("p", { id: "mask-said", class: "next", role: "status" }, word(state.said))] : [];
+  return element("aside", {}, ...held, element("h3", {}, word("placing.scans")),
     element("div", { class: "scans" }, ...scans), ...said, ...stale,
     element("h3", {}, word("mask.drawn")),
     ...(lines.length ? lines : [element("p", { class: "muted" }, word("mask.none"))]),
@@ -179,7 +184,15 @@ function covered({ out, held }) {
 
 /** @param {string} photo */
 function choose(photo) {
-  Object.assign(state, { current: photo, outline: [] });
+  if (state.outline.length) return tell("mask.unfinished");
+  state.current = photo;
+  return refresh();
+}
+
+/** What holds a gesture back; nothing once it no longer does. @param {string} said */
+function tell(said) {
+  if (said === state.said) return;
+  state.said = said;
   refresh();
 }
 
@@ -197,6 +210,7 @@ function put(place) {
     && Math.hypot(place[0] - begin[0], place[1] - begin[1]) * state.view.scale < NEAR_PX;
   if (near) return finish();
   state.outline.push(place);
+  tell("");
   if (state.tool === "brush" && state.outline.length === 1) finish();
   redraw();
 }
@@ -207,7 +221,9 @@ const reachPx = () => (state.tool === "brush" ? (1000 * state.width) / (now()?.p
 function finish() {
   const { outline, hides, camera, current } = state;
   const width = reachPx();
+  if (outline.length && outline.length < 3 && !width) return tell("mask.few");
   state.outline = [];
+  tell("");
   if (outline.length > 2 || (width && outline.length)) {
     send({ kind: "draw", photo: current, outline: thinned(outline), width, hides, camera });
   }
@@ -316,10 +332,13 @@ const ACTS = {
   Enter: () => finish(),
   Backspace: () => {
     state.outline.pop();
+    tell("");
     redraw();
   },
   Space: () => {
-    if (state.cursor) put(state.cursor);
+    const { cursor, view } = state;
+    state.cursor = cursor ?? [view.x, view.y];
+    put(state.cursor);
   },
 };
 
@@ -329,6 +348,7 @@ export function maskKey(event, letter) {
   if (event.key === "Escape") {
     if (down && state.outline.length) {
       state.outline = [];
+      tell("");
       redraw();
     } else if (down) byId("mask").close();
     return true;
