@@ -183,7 +183,7 @@ def test_a_signature_is_outdated_by_a_decision_and_holds_again_once_undone__law(
     page.wait_for_selector(".signature")
     signed = real_desk.session.decisions()[-1].decision
     assert isinstance(signed, SignBlock)
-    assert "shifted in the north" in page.inner_text(".signature")
+    assert "“shifted in the north”" in page.inner_text(".signature")
     assert not page.query_selector(".signature .outdated")
     page.click("#quality-close")
     before = len([one for one in real_desk.session.decisions() if isinstance(one.decision, Place)])

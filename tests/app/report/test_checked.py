@@ -58,12 +58,15 @@ def test_figures_of_readings_are_those_put_in__truth(checked: ReportContent) -> 
 def test_the_page_shows_readings_rules_and_the_signature__truth(
     checked: ReportContent, tmp_path
 ) -> None:
-    for language, words in (("en", "Accepted with remarks"), ("cs", "Přijato s výhradami")):
+    for language, words, closes in (
+        ("en", "Accepted with remarks", "”"),
+        ("cs", "Přijato s výhradami", "“"),
+    ):
         html, told = write_report(tmp_path, replace(checked, language=language))
         page = html.read_text(encoding="utf-8")
         assert words in page
         assert 'id="readings"' in page
-        assert "the &lt;b&gt;south&lt;/b&gt;" in page
+        assert f"the &lt;b&gt;south&lt;/b&gt;{closes}" in page
     figures = json.loads(told.read_text(encoding="utf-8"))
     (signature,) = figures["checked"]["signatures"]
     assert signature["holds"]

@@ -26,8 +26,9 @@ export function signing({ signatures }) {
     class: `decided signature${one.changed.length ? " doubted" : ""}`, "data-who": one.who,
   }, element("b", {}, word(`accepted.${one.verdict}`)),
   ` \u00b7 ${one.who} \u00b7 ${moment(one.when)} UTC \u00b7 `, element("code", {}, one.digest),
-  one.remark ? ` \u00b7 ${one.remark}` : "",
-  one.changed.length ? element("span", { class: "outdated" }, " ", word("signed.outdated"), " ",
+  one.remark ? ` \u00b7 ${word("detail.words", { words: one.remark })}` : "",
+  one.changed.length ? element("span", { class: "outdated" }, " \u00b7 ",
+    word("signed.outdated"), " ",
     one.changed.map((name) => word(`signed.part.${name}`)).join(between())) : "", " ",
   element("button", { class: "small", disabled: start.guest,
     onclick: () => send({ kind: "back", decision: one.id }) }, word("history.back"))));
