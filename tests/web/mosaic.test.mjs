@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { photoAt } from "../../ui/web/pages/mosaic_marks.js";
+import { photoAt, roomFor } from "../../ui/web/pages/mosaic_marks.js";
 import { fetchAhead, mosaicLayer } from "../../ui/web/pages/tiles.js";
 import { start } from "../../ui/web/pages/words.js";
 
@@ -53,4 +53,18 @@ test("only tiles near an edited seam are others than those of the file__law", ()
   assert.deepEqual(editions(0, [[2, 2], [3, 2], [0, 2], [2, 0], [5, 2], [2, 4]]),
     [77, 0, 0, 0, 0, 0]);
   assert.deepEqual(editions(3, [[0, 0], [1, 0]]), [77, 0]);
+});
+
+test("words of a place are whole, beside no arrow and over no other words__law", () => {
+  const size = [400, 300];
+  const told = ([x, y]) => [x, y - 13, x + 40, y];
+  const [x, y] = roomFor(40, [200, 150], false, size, []);
+  assert.ok(y - 13 > 150 && x < 200, "below the mark, not behind its arrow");
+  assert.ok(roomFor(40, [200, 150], true, size, [])[1] < 150, "above an arrow that points down");
+  assert.ok(roomFor(40, [398, 150], false, size, [])[0] + 40 <= 400);
+  assert.ok(roomFor(40, [200, 299], false, size, [])[1] <= 300);
+  const taken = [told([x, y])];
+  const [left, top, right, bottom] = told(roomFor(40, [200, 150], false, size, taken));
+  const [a, b, c, d] = taken[0];
+  assert.ok(right < a || left > c || bottom < b || top > d);
 });

@@ -214,7 +214,9 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
                 "significant": one.significant,
                 "height": short(one.height_m, 0),
             }
-            for one in shown.misfit[:MISFITS_TOLD]
+            for one in sorted(
+                shown.misfit[:MISFITS_TOLD], key=lambda one: (not one.significant, -one.length_m)
+            )
         ],
     }
 
@@ -287,7 +289,8 @@ def picked_part(gesture: MosaicPicked, desk: DeskSnapshot) -> Part:
     sigma = ground_sigma_m(desk, name, position)
     near = nearest_keys(desk, name, east, north)
     # What is not used holds nothing: it comes behind.
-    holding = sorted(near, key=lambda one: desk.rows[one[1]].state not in USED)
+    used = [one for one in near if desk.rows[one[1]].state in USED]
+    holding = [*used, *(one for one in near if one not in used)]
     return {
         **told,
         "photo": name,
@@ -300,7 +303,7 @@ def picked_part(gesture: MosaicPicked, desk: DeskSnapshot) -> Part:
             [one.photo_id, round(one.nadir_deg, 1), round(one.pixel_m, 3)] for one in others
         ],
         "points": len(near),
-        "nearest": short(near[0][0], 0) if near else None,
+        "nearest": short(used[0][0], 0) if used else None,
         "control": [_control_near(desk, away, key) for away, key in holding[:NEAR_TOLD]],
         "ties": _ties_near(desk, name, position),
     }

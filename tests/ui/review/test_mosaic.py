@@ -236,7 +236,7 @@ def test_a_place_nowhere_is_no_gesture__truth(place: list[object]) -> None:
 def test_places_that_are_likely_wrong_are_told_worst_first__law(desk: DeskSnapshot) -> None:
     east, north = middle_of(desk)
     rows: tuple[tuple[Kind, tuple[str, ...], float], ...] = (
-        ("seam", (WEST, EAST), 3.0), ("reference", (EAST,), 1.5),
+        ("seam", (WEST, EAST), 3.0), ("reference", (EAST,), 1.5), ("ties", (WEST,), 4.0),
     )  # fmt: skip
     places = tuple(
         FaultPlace(kind, east, north, photos, (length, 0.0), 0.3, (0.3, 0.4), length > 2)
@@ -246,10 +246,10 @@ def test_places_that_are_likely_wrong_are_told_worst_first__law(desk: DeskSnapsh
     assert mosaic is not None
     shown = replace(desk, state=replace(desk.state, mosaic=replace(mosaic, misfit=places)))
     told = mosaic_part(shown)["misfits"]
-    assert [one["significant"] for one in told] == [True, False]
-    assert [one["photos"] for one in told] == [[WEST, EAST], [EAST]]
-    assert told[0]["kind"] == "seam"
-    assert told[0]["length"] == 3.0
+    assert [one["significant"] for one in told] == [True, True, False]
+    assert [one["photos"] for one in told] == [[WEST], [WEST, EAST], [EAST]]
+    assert [one["kind"] for one in told] == ["ties", "seam", "reference"]
+    assert [one["length"] for one in told] == [4.0, 3.0, 1.5]
     assert told[0]["predicted"] == 0.5
 
 
@@ -270,8 +270,9 @@ def test_what_is_used_near_a_place_comes_before_what_is_not__law(desk: DeskSnaps
     out = replace(state.block.measurements[nearest], status="rejected")
     state = replace(state, block=state.block.with_measurement(out))
     rejected = replace(desk, state=state, table=desk.table.renewed(state))
-    control = picked_part(MosaicPicked("s", east, north, 1, WEST), rejected)["control"]
-    assert nearest[0] not in {one["point"] for one in control}
+    told = picked_part(MosaicPicked("s", east, north, 1, WEST), rejected)
+    assert nearest[0] not in {one["point"] for one in told["control"]}
+    assert told["nearest"] == told["control"][0]["away"]
 
 
 def test_a_reading_is_expected_within_photo_reference_and_hand__truth(desk: DeskSnapshot) -> None:

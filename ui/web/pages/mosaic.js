@@ -376,9 +376,9 @@ function drawMarks(pane, found) {
   const onScreen = (/** @type {Pair} */ ground) => onPane(pane, ground);
   const chosen = picked?.photo ?? "";
   if (look.borders) drawBorders(context, found, onScreen, chosen);
-  if (look.seams) drawSeams(context, found, onScreen, chosen);
+  const named = look.seams ? drawSeams(context, found, onScreen, chosen) : [];
   drawHoles(context, found, onScreen, view.scale);
-  drawMisfits(context, found, onScreen);
+  drawMisfits(context, found, onScreen, named);
   drawFaults(context, found, onScreen);
   if (picked) {
     const [east, north] = picked.place;

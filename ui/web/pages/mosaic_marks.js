@@ -1,14 +1,16 @@
 // What is drawn over the mosaic: seams with the names of their photos, borders of photos, holes.
-import { halo, text } from "./overlay.js";
+import { FONT, halo, text } from "./overlay.js";
 import { number, shortName } from "./words.js";
 
 /** @typedef {(ground: Pair) => Pair} OnScreen */
+/** @typedef {[left: number, top: number, right: number, bottom: number]} Box */
 
 const [SEAM, BORDER, HOLE] = ["#ffd23f", "#56b4e9", "#ff6b6b"];
 export const CHOSEN = "#ffffff";
 const NAME_PX = 44; // design: a part narrower than its name on the screen has none
 const MISFIT = "#ff9a3d";
 const ARROW_PX = 34; // design: a direction that is seen; the length is written beside it
+const [LINE_PX, OFF_PX] = [13, 9]; // design: height of a line of words, and how far off a mark
 const TOLD_PX = 24; // design: smaller holes are only ringed, their areas would lie over each other
 
 /**
@@ -27,8 +29,10 @@ export function drawBorders(context, { borders = {} }, onScreen, chosen) {
 /**
  * The chosen photo's part lies over the others.
  * @param {Context} context @param {Mosaic} found @param {OnScreen} onScreen @param {string} chosen
+ * @returns {Box[]} where the names are
  */
 export function drawSeams(context, { seams = [] }, onScreen, chosen) {
+  const named = /** @type {Box[]} */ ([]);
   const rings = seams.map((seam) => seam.rings.map((ring) => ring.map(onScreen)));
   for (const strong of [false, true]) {
     seams.forEach(({ photo }, at) => {
@@ -41,7 +45,9 @@ export function drawSeams(context, { seams = [] }, onScreen, chosen) {
     if (Math.max(...across) - Math.min(...across) < NAME_PX) return;
     const [x, y] = onScreen(label);
     text(context, shortName(photo), [x - 16, y], photo === chosen ? CHOSEN : SEAM);
+    named.push(boxOf([x - 16, y], context.measureText(shortName(photo)).width));
   });
+  return named;
 }
 
 /**
@@ -76,8 +82,12 @@ export function drawHoles(context, { holes = [] }, onScreen, scale) {
 /**
  * Shifts of places, enlarged so that they are seen; dashed where this is not sure.
  * @param {Context} context @param {Mosaic} found @param {OnScreen} onScreen
+ * @param {Box[]} named where names of photos are
  */
-export function drawMisfits(context, { misfits = [] }, onScreen) {
+export function drawMisfits(context, { misfits = [] }, onScreen, named) {
+  const { clientWidth, clientHeight } = context.canvas;
+  const taken = [...named];
+  context.font = FONT;
   for (const { place, shift: [east, north], length, significant } of misfits) {
     const [x, y] = onScreen(place);
     const [right, down] = [east, -north].map((value) => (value / (length || 1)) * ARROW_PX);
@@ -88,8 +98,35 @@ export function drawMisfits(context, { misfits = [] }, onScreen) {
       context.lineTo(x + right, y + down);
     });
     context.setLineDash([]);
-    text(context, number(length, 1, "m"), [x + right + 6, y + down + 4], MISFIT);
+    const said = number(length, 1, "m");
+    const wide = context.measureText(said).width;
+    const at = roomFor(wide, [x, y], down > 0, [clientWidth, clientHeight], taken);
+    taken.push(boxOf(at, wide));
+    text(context, said, at, MISFIT);
   }
+}
+
+/** @param {Pair} place where words begin, on their line @param {number} wide @returns {Box} */
+const boxOf = ([x, y], wide) => [x, y - LINE_PX, x + wide, y];
+
+/**
+ * Where words about a mark begin: off its arrow, inside the picture and over no other words.
+ * @param {number} wide @param {Pair} mark @param {boolean} falls the arrow points down
+ * @param {Pair} size of the picture @param {Box[]} taken @returns {Pair}
+ */
+export function roomFor(wide, [x, y], falls, [width, height], taken) {
+  const [above, below] = [y - OFF_PX, y + OFF_PX + LINE_PX];
+  const [left, right] = [x - OFF_PX - wide, x + OFF_PX];
+  const places = [falls ? above : below, falls ? below : above].flatMap((line) =>
+    [x - wide / 2, right, left].map((begin) => /** @type {Pair} */ ([
+      Math.max(2, Math.min(begin, width - wide - 2)),
+      Math.max(LINE_PX, Math.min(line, height - 2)),
+    ])));
+  const isFree = (/** @type {Pair} */ place) => {
+    const [l, t, r, b] = boxOf(place, wide);
+    return taken.every(([a, c, d, e]) => r < a || l > d || b < c || t > e);
+  };
+  return places.find(isFree) ?? places[0];
 }
 
 /**

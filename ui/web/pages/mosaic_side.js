@@ -37,7 +37,9 @@ function stale(found, status, { remake }) {
   const { stale: photos } = found;
   const making = status?.remaking;
   if (making) {
-    const share = word("mosaic.making", { share: Math.round(100 * making.share) });
+    // Results alone are written where no ortho and no seam waits.
+    const made = photos.length || found.edition ? "mosaic.making" : "mosaic.writing";
+    const share = word(made, { share: Math.round(100 * making.share) });
     return [element("p", { id: "mosaic-stale", class: "doubted", role: "status" }, share)];
   }
   if (!photos.length && !found.edition) return [];
@@ -62,7 +64,8 @@ function place(picked, { leave }) {
   const precision = sigma ? word("mosaic.sigma.of",
     { east: number(sigma[0], 2), north: number(sigma[1], 2) }) : word("mosaic.unknown");
   const near = picked.points
-    ? word("mosaic.points.of", { count: picked.points, metres: number(picked.nearest, 0) })
+    ? word(picked.nearest === null ? "mosaic.points.unused" : "mosaic.points.of",
+      { count: picked.points, metres: number(picked.nearest, 0) })
     : word("mosaic.points.none");
   const scene = () => {
     leave("block");

@@ -2,6 +2,8 @@
 import { roundLength } from "./view.js";
 import { number, roundNumber, start } from "./words.js";
 
+export const FONT = "12px Inter, sans-serif";
+
 /**
  * An empty canvas as sharp as the screen, with its size in css pixels.
  * @param {HTMLCanvasElement} canvas @returns {[Context, number, number]}
@@ -89,7 +91,7 @@ export function line(context, from, to, colour, width) {
 
 /** @param {Context} context @param {string} words @param {Pair} place @param {string} colour */
 export function text(context, words, [x, y], colour) {
-  context.font = "12px Inter, sans-serif";
+  context.font = FONT;
   context.lineWidth = 3;
   context.strokeStyle = "#000000c0";
   context.strokeText(words, x, y);
@@ -129,7 +131,7 @@ export function scaleBar(context, [width, height], scale, pixel) {
   const times = scale * pixel;
   // However far it is zoomed out, one figure tells how far.
   const digits = Math.max(1, Math.ceil(-Math.log10(times)));
-  context.font = "12px Inter, sans-serif";
+  context.font = FONT;
   const wide = (/** @type {string} */ words) => context.measureText(words).width;
   const [length, zoom] = [roundNumber(metres, "m"), `${number(times, digits)}\u00d7`];
   // The length over the middle of its bar, and how far it is zoomed in beside it.
