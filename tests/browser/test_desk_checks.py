@@ -37,6 +37,16 @@ def open_checks(page: Any) -> None:
     page.wait_for_function("gruber.checksState().toScreen(0, [0, 0]) !== undefined")
 
 
+def sit_down_as(page: Any, who: str) -> Any:
+    """The page, once its seat bears a name."""
+    settled(page)
+    page.click("#who")
+    page.fill("#name-field", who)
+    page.keyboard.press("Enter")
+    page.wait_for_function("name => document.getElementById('who').dataset.name === name", arg=who)
+    return page
+
+
 def draw_for_ever(*given: Any) -> None:
     for _ in range(3000):
         given[-1].report(1, 2)
@@ -67,6 +77,30 @@ def test_places_are_planned_at_the_desk__law(
     page.wait_for_function("gruber.parts.status")
     page.keyboard.press("Shift+B")
     page.wait_for_selector("#checks-plan", timeout=PATIENCE_MS)
+
+
+def test_the_question_about_a_plan_is_in_sight_of_the_sheet_as_long_as_it_is_asked__law(
+    planned: None, real_desk: RealDesk, sit_at: Sit
+) -> None:
+    page = sit_down_as(sit_at(real_desk.desk.url, scene=False), "ada")
+    open_checks(page)
+    for no in ("Escape", "j", "k", "pointer"):
+        page.keyboard.press("u")
+        page.wait_for_selector("#checks #turning:has-text('Withdraw the plan')")
+        if no == "pointer":
+            page.click("#checks .check-room >> nth=0")
+        else:
+            page.keyboard.press(no)
+        page.wait_for_selector("#turning", state="detached")
+        caught_up(page)
+        assert page.evaluate("gruber.parts.queue.turning") is None
+        assert page.locator("#checks[open]").count() == 1
+    page.keyboard.press("u")
+    page.wait_for_selector("#checks #turning")
+    page.click("#checks-close")
+    caught_up(page)
+    assert page.evaluate("gruber.parts.queue.turning") is None
+    assert sum(map(is_plan, real_desk.session.decisions())) == 1
 
 
 def is_plan(item: Recorded) -> bool:
@@ -114,14 +148,7 @@ def test_two_observers_read_blind_and_the_bias_is_recovered__truth(
 ) -> None:
     read: list[str] = []
     for who in ("ada", "bob"):
-        page = sit_at(real_desk.desk.url, scene=False)
-        settled(page)
-        page.click("#who")
-        page.fill("#name-field", who)
-        page.keyboard.press("Enter")
-        page.wait_for_function(
-            "name => document.getElementById('who').dataset.name === name", arg=who
-        )
+        page = sit_down_as(sit_at(real_desk.desk.url, scene=False), who)
         open_checks(page)
         shown = page.evaluate("JSON.stringify(gruber.checksState().found.places)")
         # Nothing of the other's marks: a place that only others read is as good as new.

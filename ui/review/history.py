@@ -217,9 +217,9 @@ def _undo_question(decision: Decision) -> Notice | None:
 
 
 def nothing_notice(act: str, seat: Seat) -> Notice | None:
-    """Told where there is nothing to undo or redo; the question where a sheet hides its bar."""
+    """Told where there is nothing to undo or redo; a question is shown where it can be answered."""
     if seat.turning:
-        return seat.turning[1] if seat.sheet else None
+        return None
     here = seat.sheet in SHEET_KINDS
     return Notice(f"notice.nothing-to-{act}.here" if here else f"notice.nothing-to-{act}")
 

@@ -11,7 +11,7 @@ from sessions.decisions import (
     MarkNotVisible,
     Reject,
 )
-from ui.review.gestures import LOOKING, Gesture, Undone, Verdict
+from ui.review.gestures import Aimed, AnswerAsked, Gesture, Undone, Verdict
 from ui.review.looks import ShownState
 from ui.review.second_reading import is_blind
 from ui.review.state import DeskState, Key, Notice, Seat
@@ -76,5 +76,10 @@ def standing_verdict(measurement: Measurement) -> Verdict | None:
 
 
 def still_asked(seat: Seat, gesture: Gesture) -> Seat:
-    """The seat with a question about undo only while nothing else is done."""
-    return seat if isinstance(gesture, (Undone, *LOOKING)) else replace(seat, turning=None)
+    """The seat with a question about undo only while nothing else is done.
+
+    A pointer that rests in the scene and a page that asks for an answer do nothing.
+    """
+    rests = isinstance(gesture, Aimed) and gesture.act == "hover"
+    kept = rests or isinstance(gesture, Undone | AnswerAsked)
+    return seat if kept else replace(seat, turning=None)

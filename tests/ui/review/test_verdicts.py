@@ -4,7 +4,18 @@ import pytest
 
 from core.block import Measurement
 from sessions.decisions import NOT_VISIBLE, Accept, MarkDubious, MarkNotVisible, Reject
-from ui.review.verdicts import decision_of, not_measured, standing_verdict
+from ui.review.gestures import (
+    Aimed,
+    AnswerAsked,
+    Dropped,
+    Redone,
+    Selected,
+    SheetAsked,
+    Stepped,
+    Undone,
+)
+from ui.review.state import Notice, Seat
+from ui.review.verdicts import decision_of, not_measured, standing_verdict, still_asked
 
 KEY = "P1", "one"
 
@@ -38,3 +49,15 @@ def test_what_nobody_saw_has_no_verdict_yet__law():
 def test_a_place_comes_before_a_verdict__law(state, score, verdict, says):
     found = not_measured(state, measured(score=score, status="rejected"), verdict)
     assert (found is not None) == says
+
+
+def test_whatever_is_done_beside_undo_answers_its_question_with_no__law():
+    asked = Seat("s", "ada", turning=(1, Notice("undo.ask.PlanChecks")))
+    up, down = (0.0, 0.0, 9.0), (0.0, 0.0, -1.0)
+    for gesture in (Undone("s"), AnswerAsked("s", 1), Aimed("s", "hover", up, down)):
+        assert still_asked(asked, gesture) == asked
+    for gesture in (
+        Stepped("s", 1), Selected("s", KEY), SheetAsked("s", "checks", False), Redone("s"),
+        Dropped("s", ("", "")), Aimed("s", "pick", up, down),
+    ):  # fmt: skip
+        assert still_asked(asked, gesture).turning is None

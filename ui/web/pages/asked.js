@@ -1,6 +1,7 @@
 // What the desk asks or says above the buttons that decide: a draft to keep or drop, the reason of
 // a rejection, or how a point is placed.
 import { byId, element, number, renew, shortName, shortPoint, stateGlyph, word } from "./words.js";
+import { letterOf } from "./view.js";
 import { send } from "./wire.js";
 
 const REASON_MS = 6000; // design: time to read five reasons; after it digits mean nothing
@@ -15,6 +16,16 @@ const state = {
   /** The question before a weighty decision is taken back. */
   turning: /** @type {Notice | null} */ (null),
 };
+
+export function setUpAsked() {
+  for (const type of ["pointerdown", "click", "close"]) {
+    window.addEventListener(type, ({ target }) => {
+      const own = target instanceof Element
+        && target.closest("#turning, #asked.turning, [data-act=undo]");
+      if (!own) dropTurning();
+    }, true);
+  }
+}
 
 /** @param {Point | null} point */
 export function askAbout(point) {
@@ -56,10 +67,25 @@ export function explain(digit) {
 
 /** The question in sight answered with no, or the draft given up; false when there is neither. */
 export function dropDraft() {
-  const { point, turning } = state;
-  // It is about no measurement: the question goes.
-  if (turning) return send({ kind: "drop", key: ["", ""] });
-  return Boolean(point?.draft) && send({ kind: "drop", key: point?.key });
+  const { point } = state;
+  return dropTurning() || Boolean(point?.draft) && send({ kind: "drop", key: point?.key });
+}
+
+/** The question before something is taken back goes, which is about no measurement. */
+function dropTurning() {
+  if (!state.turning) return false;
+  askBack(null);
+  return send({ kind: "drop", key: ["", ""] });
+}
+
+/**
+ * Any key but that of undo answers the question with no; true for the one that does nothing else.
+ * @param {KeyboardEvent} event
+ */
+export function answersNo(event) {
+  const again = letterOf(event) === "KeyU" && !event.shiftKey;
+  if (event.type !== "keydown" || again || ["Shift", "Tab"].includes(event.key)) return false;
+  return dropTurning() && event.key === "Escape";
 }
 
 /** Where other scans are proposed to show the point. @param {Point} point @returns {Key[]} */
@@ -69,6 +95,7 @@ export const proposalsOf = ({ key: [name], others }) => others
 function show() {
   const { explaining, many, turning, until } = state;
   const point = many ? null : state.point;
+  document.getElementById("turning")?.remove();
   if (turning) return showTurning(turning);
   const why = explaining.length > 0 && Date.now() < until && !point?.draft?.asking;
   const room = byId("asked");
@@ -86,15 +113,22 @@ function show() {
   else byId("keep").replaceChildren();
 }
 
-/** @param {Notice} turning */
+/** In sight as long as it is asked: in the sheet that lies over the desk. @param {Notice} turning */
 function showTurning({ text, values }) {
-  byId("asked").className = "against";
+  const said = word(text, values);
+  const question = [element("p", { title: said }, said),
+    answer("history.back", "U", () => send({ kind: "undo" })),
+    answer("remake.cancel", "Esc", dropTurning)];
+  const sheet = document.querySelector("dialog[open]");
+  if (sheet || !byId("asked").checkVisibility({ visibilityProperty: true })) {
+    (sheet ?? document.body).append(
+      element("div", { id: "turning", class: "asked-over", role: "alert" }, ...question));
+    return;
+  }
+  byId("asked").className = "against turning";
   for (const name of ["reasons", "proposals", "hint"]) byId(name).hidden = true;
   byId("keep").hidden = false;
-  const said = word(text, values);
-  renew(byId("keep"), element("p", { title: said }, said),
-    answer("history.back", "U", () => send({ kind: "undo" })),
-    answer("remake.cancel", "Esc", dropDraft));
+  renew(byId("keep"), ...question);
 }
 
 /** @param {string} name @param {string} cap @param {() => void} onclick */

@@ -7,7 +7,7 @@ import {
 } from "./queue.js";
 import { showMany, showPoint } from "./point.js";
 import {
-  askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, proposalsOf,
+  answersNo, askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, proposalsOf, setUpAsked,
 } from "./asked.js";
 import {
   blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
@@ -191,6 +191,7 @@ function leaveTogether() {
 
 /** True when the key is ours. @param {KeyboardEvent} event */
 function takeKey(event) {
+  if (answersNo(event)) return true;
   const sheet = document.querySelector("dialog[open]");
   if (sheet) return sheetKey(event, /** @type {HTMLDialogElement} */ (sheet));
   const down = event.type === "keydown";
@@ -427,6 +428,7 @@ async function open() {
     showMany(count);
     askAboutMany(count);
   }, () => tell({ text: "notice.one-row", values: {}, grave: false }));
+  setUpAsked();
   setUpCompare();
   setUpScene();
   setUpPeople();
