@@ -103,6 +103,38 @@ def test_the_question_about_a_plan_is_in_sight_of_the_sheet_as_long_as_it_is_ask
     assert sum(map(is_plan, real_desk.session.decisions())) == 1
 
 
+def test_a_spare_follows_its_place_and_its_reading_stays_when_the_place_is_opened_again__law(
+    planned: None, real_desk: RealDesk, sit_at: Sit
+) -> None:
+    page = sit_down_as(sit_at(real_desk.desk.url, scene=False), "ada")
+    open_checks(page)
+    current = "gruber.checksState().current"
+    plan = standing_plans(real_desk.session.decisions())[-1].plan
+    followed = {one.after for one in plan.places}
+    while (place := page.evaluate(current)) not in followed:
+        page.keyboard.press("j")
+        page.wait_for_function(f"{current} !== {place!r}")
+    page.keyboard.press("n")
+    page.keyboard.press("1")
+    page.wait_for_function(f"{current} !== {place!r}")
+    assert page.evaluate(current) == f"{place}a"
+    assert f"spare of {place}" in page.inner_text("#checks-state")
+    # Taken back while the spare is shown: one is at its place again.
+    page.keyboard.press("u")
+    page.wait_for_function(f"{current} === {place!r}")
+    page.keyboard.press("n")
+    page.keyboard.press("1")
+    page.wait_for_function(f"{current} === '{place}a'")
+    read_place(page, np.array([1.0, 0.0]))
+    page.keyboard.press("k")
+    page.keyboard.press("k")
+    page.click("#checks [data-check=back]")
+    page.wait_for_selector("#checks-state:has-text('not read')")
+    page.keyboard.press("j")
+    page.wait_for_selector(f"#checks-state:has-text('read as a spare of {place}')")
+    assert page.inner_text("#checks-done").endswith("1")
+
+
 def is_plan(item: Recorded) -> bool:
     return isinstance(item.decision, PlanChecks)
 

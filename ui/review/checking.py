@@ -4,7 +4,7 @@ An observer sees neither what the program thinks nor what others read. Every obs
 of places and views of their own, so that no two are led by the same hand.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -138,12 +138,6 @@ def checks_part(recorded: Sequence[Recorded], operator: str, version: str, pixel
         return {"plan": None, "places": []}
     newest, read = plans[-1], readings_of(recorded)
     shown = SHOWN_M * max(1.0, pixel_m / USUAL_PIXEL_M)
-    # A spare is asked for once the place before it cannot be read; nobody chooses it.
-    passed = {
-        one.place_id
-        for (_, who), (_, one) in read.items()
-        if who == operator and one.version == version and one.mosaic is None
-    }
     others = {
         place.place_id: sum(
             one.version == version and one.place_id == place.place_id and who != operator
@@ -151,6 +145,12 @@ def checks_part(recorded: Sequence[Recorded], operator: str, version: str, pixel
         )
         for place in newest.plan.places
     }
+    own = {
+        one.place_id: one
+        for (_, who), (_, one) in read.items()
+        if who == operator and one.version == version
+    }
+    asked = _asked_for(newest.plan.places, own)
     return {
         "plan": plan_line(newest),
         "places": [
@@ -160,9 +160,21 @@ def checks_part(recorded: Sequence[Recorded], operator: str, version: str, pixel
                 **_own(read.get((place.place_id, operator)), version),
             }
             for place in own_order(newest.plan.places, operator, newest.plan.digest)
-            if not place.after or place.after in passed
+            # What was said of a spare stays in sight when its place is opened again.
+            if place.place_id in asked | own.keys()
         ],
     }
+
+
+def _asked_for(places: Sequence[CheckPlace], own: Mapping[str, ReadCheck]) -> set[str]:
+    """Places to be read: a spare once the place before it cannot be; nobody chooses it."""
+    asked: set[str] = set()
+    for place in places:
+        before = own.get(place.after)
+        passed = place.after in asked and before is not None and before.mosaic is None
+        if passed or not place.after:
+            asked.add(place.place_id)
+    return asked
 
 
 def plan_line(one: StandingPlan) -> Part:
@@ -198,6 +210,7 @@ def _shown(place: CheckPlace, operator: str, digest: str, shown_m: float) -> Par
     middles = np.round(aside + np.array([place.east, place.north]), 2)
     return {
         "place": place.place_id,
+        "after": place.after,
         "at": [place.east, place.north],
         "surveyed": place.sigma_m > 0,
         "views": middles.tolist(),

@@ -433,6 +433,8 @@ type Message = Parts & { notices?: Notice[]; "rows/count"?: number };
 /** One planned place as one observer sees it; no place of anybody else is told. */
 interface CheckedPlace {
   place: string;
+  /** The place that a spare stands in for; empty of any other. */
+  after: string;
   at: Pair;
   surveyed: boolean;
   /** Middles of the views of mosaic and reference. */

@@ -10,7 +10,15 @@ from core.quality.assessment import assess_block
 from core.quality.check_plan import CheckPlace
 from core.quality.rules import judge_block
 from sessions.checks import new_plan
-from sessions.decisions import Decision, PlanChecks, ReadCheck, Recorded, Remark, SignBlock
+from sessions.decisions import (
+    Decision,
+    PlanChecks,
+    ReadCheck,
+    Recorded,
+    Remark,
+    SignBlock,
+    Withdraw,
+)
 from tests.ui.desk_block import tiny_snapshot
 from ui.review.check_gestures import BlockSigned, CheckRead, Remarked
 from ui.review.checking import (
@@ -98,7 +106,14 @@ def test_a_spare_is_asked_for_once_its_place_cannot_be_read__law() -> None:
     names = shown("ada", passed)
     assert names[names.index("1-02") + 1] == "1-02a"
     assert "1-02b" not in names
-    assert "1-02b" in shown("ada", passed, ReadCheck("1-02a", None, None, VERSION, "hidden"))
+    hidden = ReadCheck("1-02a", None, None, VERSION, "hidden")
+    assert "1-02b" in shown("ada", passed, hidden)
+    # What was said of a spare stays when its place is opened again; no further one is asked for.
+    kept = shown("ada", passed, read("1-02a", 1.0), Withdraw(2))
+    assert kept[kept.index("1-02") + 1] == "1-02a"
+    left = shown("ada", passed, hidden, Withdraw(2))
+    assert "1-02a" in left
+    assert "1-02b" not in left
 
 
 def test_a_reading_of_an_earlier_mosaic_is_open_again_and_counts_for_nothing__law() -> None:

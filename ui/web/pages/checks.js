@@ -25,6 +25,8 @@ const state = {
   views: [new View(0.02, 60), new View(0.02, 60)],
   scale: 0,
   asking: false,
+  /** What stood of a place before it was said not to be identifiable: its answer is awaited. */
+  waiting: /** @type {{ decision?: number } | null} */ (null),
   /** The reading that was asked about: once more keeps it. */
   doubted: "",
   /** Ends a plan that is being drawn, and how far it is. */
@@ -52,7 +54,7 @@ export function setUpChecks() {
   onTile(redraw);
   byId("checks").addEventListener("close", () => {
     state.drawing?.abort();
-    Object.assign(state, { panes: [], found: null, current: "", said: "" });
+    Object.assign(state, { panes: [], found: null, current: "", said: "", waiting: null });
     send({ kind: "sheet", sheet: "checks", shown: false });
   });
 }
@@ -67,7 +69,9 @@ export function openChecks(known) {
   send({ kind: "sheet", sheet: "checks", shown: true });
 }
 
-const now = () => state.found?.places.find(({ place }) => place === state.current);
+/** @param {string | undefined} name */
+const placeNamed = (name) => state.found?.places.find(({ place }) => place === name);
+const now = () => placeNamed(state.current);
 const isDone = (/** @type {CheckedPlace} */ { state: known }) =>
   known === "read" || known === "unreadable";
 
@@ -75,6 +79,7 @@ const isDone = (/** @type {CheckedPlace} */ { state: known }) =>
 export function showChecks(found) {
   const sheet = byId("checks");
   if (!sheet.open) return;
+  const before = now();
   state.found = found;
   const why = !found.plan ? "checks.none" : !found.mosaic ? "checks.no-mosaic"
     : !start.ortho ? "checks.no-ortho" : "";
@@ -89,9 +94,12 @@ export function showChecks(found) {
   if (!state.panes.length) state.panes = state.views.map(room);
   const rooms = () => element("div", { class: "two-panes" }, ...state.panes.map((pane, side) =>
     element("figure", { "data-side": SIDES[side] }, caption(side), pane.room)));
-  const place = now() ?? found.places.find((one) => !isDone(one)) ?? found.places[0];
+  // A spare that is no longer asked for leaves one at the place that it stood in for.
+  const place = now() ?? placeNamed(before?.after) ?? found.places.find((one) => !isDone(one))
+    ?? found.places[0];
   renew(first(".view-body", sheet), () => [head(found, place), rooms()]);
   if (place.place !== state.current) choose(place);
+  else if (state.waiting && place.decision !== state.waiting.decision) goOn();
   redraw();
 }
 
@@ -175,14 +183,23 @@ const button = (name, key, does, off = false) => element("button", {
   "data-check": name, disabled: start.guest || off, onclick: does,
 }, word(`checks.${name}`), element("kbd", {}, key));
 
+/** @param {CheckedPlace} place */
+function stateOf({ after, state: known, reason }) {
+  if (known === "unreadable") return word(`unreadable.${reason}`);
+  const beside = placeNamed(after);
+  if (known === "read" && beside && beside.state !== "unreadable") {
+    return word("checks.state.beside", { place: after });
+  }
+  return known === "open" && after ? word("checks.state.spare", { place: after })
+    : word(`checks.state.${known}`);
+}
+
 /** @param {CheckSheet} found @param {CheckedPlace} place */
 function head({ places }, place) {
   const done = places.filter(isDone).length;
   const at = places.indexOf(place) + 1;
   const far = isDoubted() && farOff();
-  const said = far ? word("checks.far", far)
-    : place.state === "unreadable" ? word(`unreadable.${place.reason}`)
-    : word(`checks.state.${place.state}`);
+  const said = far ? word("checks.far", far) : stateOf(place);
   const back = place.decision
     ? [element("button", { "data-check": "back", disabled: start.guest,
       onclick: () => send({ kind: "back", decision: place.decision }) },
@@ -218,7 +235,7 @@ function choose(place) {
   const own = place.marks ?? [null, place.surveyed ? place.at : null];
   const last = Math.max(state.panes.findIndex(({ room: pane }) => pane === focused()), 0);
   Object.assign(state, {
-    current: place.place, marks: [...own], last, asking: false, doubted: "",
+    current: place.place, marks: [...own], last, asking: false, doubted: "", waiting: null,
   });
   fit();
   refresh();
@@ -284,15 +301,28 @@ function ask() {
 
 /** @param {string} reason */
 function unreadable(reason) {
-  send({ kind: "check-read", place: state.current, reason });
-  goOn();
+  state.asking = false;
+  // The spare that follows comes with the answer.
+  if (send({ kind: "check-read", place: state.current, reason })) {
+    state.waiting = { decision: now()?.decision };
+  }
+  refresh();
+}
+
+/** True of a spare that is not asked for once the place is read. @param {CheckedPlace} one */
+function standsForCurrent({ after }) {
+  const before = placeNamed(after);
+  return after === state.current || Boolean(before && standsForCurrent(before));
 }
 
 /** To the next place that is not done; what was just decided is. */
 function goOn() {
   const places = state.found?.places ?? [];
   const at = places.findIndex(({ place }) => place === state.current);
-  const coming = [...places.slice(at + 1), ...places.slice(0, at)];
+  const after = places.slice(at + 1);
+  const asked = state.waiting ? after : after.filter((one) => !standsForCurrent(one));
+  state.waiting = null;
+  const coming = [...asked, ...places.slice(0, at)];
   const next = coming.find((one) => !isDone(one)) ?? coming[0];
   if (next) choose(next);
 }
