@@ -262,6 +262,11 @@ class PlanChecks:
         """Places without the spares."""
         return sum(not place.after for place in self.places)
 
+    @property
+    def number(self) -> str:
+        """Its number in the session, with which the names of its places begin."""
+        return self.places[0].place_id.partition("-")[0] if self.places else ""
+
 
 @dataclass(frozen=True, slots=True)
 class ReadCheck:

@@ -72,7 +72,7 @@ def test_places_are_planned_at_the_desk__law(
     page.keyboard.press("Escape")
     page.wait_for_selector("#checks:not([open])", state="attached")
     page.keyboard.press("u")
-    page.wait_for_selector("#asked.against #keep:has-text('plan of')")
+    page.wait_for_selector("#asked.against #keep:has-text('check plan 1 of')")
     page.keyboard.press("u")
     page.wait_for_function("gruber.parts.status")
     page.keyboard.press("Shift+B")
@@ -86,7 +86,7 @@ def test_the_question_about_a_plan_is_in_sight_of_the_sheet_as_long_as_it_is_ask
     open_checks(page)
     for no in ("Escape", "j", "k", "pointer"):
         page.keyboard.press("u")
-        page.wait_for_selector("#checks #turning:has-text('Withdraw the plan')")
+        page.wait_for_selector("#checks #turning:has-text('Withdraw check plan 1 of')")
         if no == "pointer":
             page.click("#checks .check-room >> nth=0")
         else:

@@ -164,7 +164,9 @@ def subject_of(decision: Decision) -> str:
         case BringPoints(points=points):
             rest = f" + {len(points) - 1}" if len(points) > 1 else ""
             return points[0].point_id + rest if points else ""
-        case ReadCheck(place_id=name) | PlanChecks(digest=name) | SignBlock(verdict=name):
+        case PlanChecks():
+            return decision.number
+        case ReadCheck(place_id=name) | SignBlock(verdict=name):
             return name
         case Remark(words=words):
             return words
@@ -208,8 +210,9 @@ def turn_back(
 def _undo_question(decision: Decision) -> Notice | None:
     """What is asked before a decision that took long or vouches for the block is taken back."""
     match decision:
-        case PlanChecks(places=places):
-            return Notice("undo.ask.PlanChecks", {"count": f"{len(places)}"})
+        case PlanChecks():
+            values = {"what": subject_of(decision), "count": f"{decision.count}"}
+            return Notice("undo.ask.PlanChecks", values)
         case SignBlock():
             return Notice("undo.ask.SignBlock")
         case _:
@@ -236,7 +239,8 @@ def turn_notice(act: str, decision: Decision, key: Key | None, count: int) -> No
     if count > 1:
         return Notice(f"notice.{act}.several", {"count": f"{count}"})
     about = " \u00b7 ".join(key) if key else subject_of(decision)
-    return Notice(f"notice.{act}.{type(decision).__name__}", {"what": about})
+    places = {"count": f"{decision.count}"} if isinstance(decision, PlanChecks) else {}
+    return Notice(f"notice.{act}.{type(decision).__name__}", {"what": about, **places})
 
 
 def gives_reason(before: Decision, now: Decision) -> bool:

@@ -74,6 +74,20 @@ def test_the_page_shows_readings_rules_and_the_signature__truth(
     assert {row["rule"] for row in figures["checked"]["rules"]} >= {"read", "position", "second"}
 
 
+def test_places_that_were_passed_over_are_listed_with_their_reason__law(
+    checked: ReportContent, tmp_path
+) -> None:
+    html, _ = write_report(tmp_path, checked)
+    assert "passed over" not in html.read_text(encoding="utf-8")
+    assert 'id="passed-over"' not in html.read_text(encoding="utf-8")
+    passed = ReadCheck("1-28", None, None, VERSION, "blurred")
+    more = Recorded(998, "2026-01-02T11:00:00", "bob", passed)
+    html, _ = write_report(tmp_path, replace(checked, decisions=[*checked.decisions, more]))
+    page = html.read_text(encoding="utf-8")
+    table = page[page.index('id="passed-over"') :].partition("</table>")[0]
+    assert all(word in table for word in ("1-28", "bob", "blurred"))
+
+
 def test_a_change_after_the_signature_shows_it_as_outdated__law(
     checked: ReportContent, tmp_path
 ) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from core.formats.listed_point import ListedPoint
+from core.quality.check_plan import CheckPlace
 from sessions.decisions import (
     REASONS,
     Accept,
@@ -13,12 +14,14 @@ from sessions.decisions import (
     BringPoints,
     JudgePhoto,
     Place,
+    PlanChecks,
     Recorded,
     Reject,
     Remark,
     SetRole,
     Withdraw,
 )
+from sessions.session import Session
 from tests.ui.desk_block import tiny_snapshot
 from ui.review.history import (
     KEPT,
@@ -29,9 +32,11 @@ from ui.review.history import (
     shifts_m,
     subject_of,
     touched_by,
+    turn_back,
+    turn_notice,
     with_adjustment,
 )
-from ui.review.state import NO_EXTRA
+from ui.review.state import NO_EXTRA, Seat
 from ui.words.catalogue import Teller
 
 KEY = ("J101", "a")
@@ -143,3 +148,19 @@ def test_shifts_between_two_adjustments_are_metres_on_the_ground__truth():
     # Ground of level height moves with the centre.
     assert shifts.pop(name) == pytest.approx(3.0, rel=0.1)
     assert max(shifts.values()) < 1e-6
+
+
+def test_a_plan_is_named_by_its_number_and_its_places_without_spares__law(tmp_path):
+    names = ("2-01", ""), ("2-01a", "2-01"), ("2-02", "")
+    places = tuple(CheckPlace(name, 1.0, 2.0, after=after) for name, after in names)
+    plan = PlanChecks(places, (2, 1), 1, "", True, "b47ec5c8e26954fa")
+    with Session.open(tmp_path, "ada") as session:
+        session.record(plan)
+        _, seat = turn_back(session, "undo", Seat("s", "ada"), ())
+    told = turn_notice("undo", plan, None, 1)
+    assert seat.turning is not None
+    assert (
+        Teller()(seat.turning[1].text, **{**seat.turning[1].values, "count": 2})
+        == "Withdraw check plan 2 of 2 places? U once more does."
+    )
+    assert dict(told.values) == dict(seat.turning[1].values) == {"what": "2", "count": "2"}
