@@ -103,6 +103,36 @@ def test_the_question_about_a_plan_is_in_sight_of_the_sheet_as_long_as_it_is_ask
     assert sum(map(is_plan, real_desk.session.decisions())) == 1
 
 
+def test_marks_wait_for_whoever_looks_at_another_place_and_no_question_moves_the_pictures__law(
+    planned: None, real_desk: RealDesk, sit_at: Sit
+) -> None:
+    page = sit_down_as(sit_at(real_desk.desk.url, scene=False), "ada")
+    page.set_viewport_size({"width": 1366, "height": 768})
+    open_checks(page)
+    mark_place(page, np.array([1.0, 0.0]))
+    marks = page.evaluate("gruber.checksState().marks")
+    page.keyboard.press("j")
+    assert page.evaluate("gruber.checksState().marks") == [None, None]
+    page.keyboard.press("k")
+    assert page.evaluate("gruber.checksState().marks") == marks
+    assert page.inner_text("#checks-state") == "marked, not kept"
+    before = boxes(page)
+    page.keyboard.press("n")
+    page.wait_for_selector("#checks [data-reason=blurred]")
+    assert boxes(page) == before
+    page.keyboard.press("Escape")
+    page.keyboard.press("y")
+    page.keyboard.press("k")
+    page.wait_for_selector("#checks [data-check=back]:not([disabled])")
+    assert boxes(page) == before
+
+
+def boxes(page: Any) -> list[Any]:
+    """Where the pictures, Close and the button that withdraws lie."""
+    names = "#checks .check-room", "#checks-close", "#checks [data-check=back]"
+    return [page.locator(name).first.bounding_box() for name in names]
+
+
 def test_a_spare_follows_its_place_and_its_reading_stays_when_the_place_is_opened_again__law(
     planned: None, real_desk: RealDesk, sit_at: Sit
 ) -> None:

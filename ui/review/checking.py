@@ -35,8 +35,9 @@ from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Notice
 
 Part = dict[str, Any]
-SHOWN_M = 60.0
-"""Width of ground that a view opens on, at a pixel of half a metre; wider for coarser pixels."""
+SHOWN_PX = 300
+"""Width of ground that a view opens on, in pixels of the scans: about two pixels of the screen for
+one, as the two pictures of a point begin."""
 USUAL_PIXEL_M = 0.5
 ASIDE = 0.2
 """The middle of a view lies up to this share of its width beside the place: nobody reads the
@@ -137,7 +138,7 @@ def checks_part(recorded: Sequence[Recorded], operator: str, version: str, pixel
     if not plans:
         return {"plan": None, "places": []}
     newest, read = plans[-1], readings_of(recorded)
-    shown = SHOWN_M * max(1.0, pixel_m / USUAL_PIXEL_M)
+    shown = SHOWN_PX * pixel_m
     others = {
         place.place_id: sum(
             one.version == version and one.place_id == place.place_id and who != operator

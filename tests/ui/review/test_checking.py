@@ -85,6 +85,8 @@ def test_order_and_views_differ_between_observers_and_last__law() -> None:
     for one in ada["places"]:
         off = np.abs(np.array(one["views"]) - one["at"])
         assert off.max() <= 0.2 * one["width"]
+        # Enough around it to know the place again: 300 pixels of half a metre.
+        assert one["width"] == 150.0
         # Neither view lies like the other: their middles say nothing of the misfit.
         assert one["views"][0] != one["views"][1]
 

@@ -113,7 +113,7 @@ function show() {
   else byId("keep").replaceChildren();
 }
 
-/** In sight as long as it is asked: in the sheet that lies over the desk. @param {Notice} turning */
+/** In sight as long as it is asked: in a sheet that lies over the desk. @param {Notice} turning */
 function showTurning({ text, values }) {
   const said = word(text, values);
   const question = [element("p", { title: said }, said),

@@ -27,6 +27,8 @@ const state = {
   asking: false,
   /** What stood of a place before it was said not to be identifiable: its answer is awaited. */
   waiting: /** @type {{ decision?: number } | null} */ (null),
+  /** Marks that nobody has kept yet, by mosaic and place. @type {Map<string, (Pair | null)[]>} */
+  drafts: new Map(),
   /** The reading that was asked about: once more keeps it. */
   doubted: "",
   /** Ends a plan that is being drawn, and how far it is. */
@@ -72,6 +74,7 @@ export function openChecks(known) {
 /** @param {string | undefined} name */
 const placeNamed = (name) => state.found?.places.find(({ place }) => place === name);
 const now = () => placeNamed(state.current);
+const draftName = (name = state.current) => `${state.found?.mosaic?.version} ${name}`;
 const isDone = (/** @type {CheckedPlace} */ { state: known }) =>
   known === "read" || known === "unreadable";
 
@@ -97,7 +100,8 @@ export function showChecks(found) {
   // A spare that is no longer asked for leaves one at the place that it stood in for.
   const place = now() ?? placeNamed(before?.after) ?? found.places.find((one) => !isDone(one))
     ?? found.places[0];
-  renew(first(".view-body", sheet), () => [head(found, place), rooms()]);
+  renew(first(".view-body", sheet), () =>
+    [head(found, place), rooms(), ...(state.asking ? [whyNot()] : [])]);
   if (place.place !== state.current) choose(place);
   else if (state.waiting && place.decision !== state.waiting.decision) goOn();
   redraw();
@@ -185,6 +189,7 @@ const button = (name, key, does, off = false) => element("button", {
 
 /** @param {CheckedPlace} place */
 function stateOf({ after, state: known, reason }) {
+  if (state.drafts.has(draftName())) return word("checks.state.draft");
   if (known === "unreadable") return word(`unreadable.${reason}`);
   const beside = placeNamed(after);
   if (known === "read" && beside && beside.state !== "unreadable") {
@@ -200,21 +205,17 @@ function head({ places }, place) {
   const at = places.indexOf(place) + 1;
   const far = isDoubted() && farOff();
   const said = far ? word("checks.far", far) : stateOf(place);
-  const back = place.decision
-    ? [element("button", { "data-check": "back", disabled: start.guest,
-      onclick: () => send({ kind: "back", decision: place.decision }) },
-    word("history.back"))] : [];
-  const reasons = state.asking ? REASONS.map((reason, index) => element("button", {
-    "data-reason": reason, onclick: () => unreadable(reason),
-  }, word(`unreadable.${reason}`), element("kbd", {}, `${index + 1}`))) : [];
   return element("header", {}, element("h2", {}, word("checks")),
     element("b", { id: "checks-place" }, place.place),
     element("span", { class: "muted" }, word("checks.at", { at, count: places.length })),
-    element("span", { id: "checks-state", role: "status", class: far ? "against" : "" }, said),
+    element("span", {
+      id: "checks-state", role: "status", title: said, class: far ? "against" : "",
+    }, said),
     element("span", { class: "muted", id: "checks-done" }, word("checks.done", { done })),
-    element("span", { class: "stretch" }),
     button("keep", "Y", keep, !state.marks.every(Boolean)),
-    button("not", "N", ask), ...reasons, ...back,
+    button("not", "N", ask),
+    element("button", { "data-check": "back", disabled: start.guest || !place.decision,
+      onclick: () => send({ kind: "back", decision: place.decision }) }, word("history.back")),
     element("span", { class: "segments" },
       element("button", { "data-step": "back", onclick: () => step(-1) },
         word("act.previous"), element("kbd", {}, "K")),
@@ -226,6 +227,12 @@ function head({ places }, place) {
       word("act.close")));
 }
 
+/** Why nothing can be identified: over the pictures, so that they stay where they are. */
+const whyNot = () => element("div", { class: "asked-over" }, element("p", {}, word("checks.not")),
+  ...REASONS.map((reason, index) => element("button", {
+    "data-reason": reason, onclick: () => unreadable(reason),
+  }, word(`unreadable.${reason}`), element("kbd", {}, `${index + 1}`))));
+
 function refresh() {
   if (state.found) showChecks(state.found);
 }
@@ -235,7 +242,8 @@ function choose(place) {
   const own = place.marks ?? [null, place.surveyed ? place.at : null];
   const last = Math.max(state.panes.findIndex(({ room: pane }) => pane === focused()), 0);
   Object.assign(state, {
-    current: place.place, marks: [...own], last, asking: false, doubted: "", waiting: null,
+    current: place.place, marks: [...state.drafts.get(draftName(place.place)) ?? own], last,
+    asking: false, doubted: "", waiting: null,
   });
   fit();
   refresh();
@@ -257,6 +265,7 @@ function put(side, ground) {
   if (start.guest || (side === 1 && now()?.surveyed)) return;
   state.marks[side] = ground;
   state.last = side;
+  state.drafts.set(draftName(), state.marks);
   refresh();
 }
 
@@ -284,6 +293,7 @@ function keep() {
   const round = (/** @type {Pair} */ pair) => pair.map((value) => Math.round(value * 1000) / 1000);
   send({ kind: "check-read", place: place.place, mosaic: round(mosaic),
     reference: round(reference) });
+  state.drafts.delete(draftName());
   goOn();
 }
 
@@ -305,11 +315,15 @@ function unreadable(reason) {
   // The spare that follows comes with the answer.
   if (send({ kind: "check-read", place: state.current, reason })) {
     state.waiting = { decision: now()?.decision };
+    state.drafts.delete(draftName());
   }
   refresh();
 }
 
-/** True of a spare that is not asked for once the place is read. @param {CheckedPlace} one */
+/**
+ * True of a spare that is not asked for once the place is read.
+ * @param {CheckedPlace} one @returns {boolean}
+ */
 function standsForCurrent({ after }) {
   const before = placeNamed(after);
   return after === state.current || Boolean(before && standsForCurrent(before));
@@ -346,7 +360,9 @@ function nudge([right, down], times) {
   if (!mark) return put(last, groundFromLayer([view.x, view.y]));
   const metres = NUDGE * times * start.lattice.pixel;
   state.marks[state.last] = [mark[0] + right * metres, mark[1] - down * metres];
-  return state.doubted ? forget() : redraw();
+  const known = state.drafts.has(draftName());
+  state.drafts.set(draftName(), state.marks);
+  return state.doubted || !known ? forget() : redraw();
 }
 
 /** Both pictures at the scale of the one that was zoomed. */
