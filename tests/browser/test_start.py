@@ -89,6 +89,8 @@ def test_a_run_is_cancelled_and_the_settings_stay__truth(page, tiny_block):
     add(page, "dem", "files", tiny_block / "dem.tif")
     distance = "#field-camera-film-principal_distance_mm"
     gap = "#holdings .lacks:has-text('the principal distance')"
+    page.wait_for_function(DRAWN)
+    assert page.evaluate(CORNER) == 0, "nothing is drawn beside a scan"
     page.wait_for_selector(gap)
     page.fill(distance, "some")
     page.wait_for_selector("#mend")
@@ -132,6 +134,12 @@ def test_the_start_page_is_locked_as_the_desk_is__law(reviewed):
     assert [path.name for path in folder.iterdir()] == [".gruber"]
 
 
+CORNER = """(() => document.querySelector("#film .picture").getContext("2d")
+    .getImageData(0, 0, 1, 1).data[3])()"""
+DRAWN = """() => { const canvas = document.querySelector("#film .picture");
+    const { width, height } = canvas;
+    return canvas.getContext("2d").getImageData(width / 2, height / 2, 1, 1).data[3] > 0; }"""
+"""Opacity in the corner of the film's pane; and whether its middle is drawn."""
 CHECKING = {"en-GB": "Checking", "cs-CZ": "Kontroluje se"}
 CUT_NAMES = """() => [...document.querySelectorAll(".thumb b")]
     .filter((name) => name.scrollWidth > name.clientWidth).map((name) => name.textContent)"""

@@ -145,14 +145,17 @@ function choose(scan) {
   showMargin();
 }
 
+/** A scan alone: its tiles are filled up beside it. @param {string} photo @param {Pair} size */
+const scanLayer = (photo, size) => ({ ...rawLayer(photo, 1, size, false), extent: size });
+
 function draw() {
   const { pane, scan, scans, view } = state;
   if (!pane) return;
   const [context, width, height] = cleared(pane.picture);
   if (scan?.size) {
     if (!view.scale && width) look(state.side);
-    const layer = rawLayer(scan.photo, 1, scan.size, false);
-    drawLayer(context, layer, view.frame([width, height]), [width, height]);
+    drawLayer(context, scanLayer(scan.photo, scan.size), view.frame([width, height]),
+      [width, height]);
   }
   const [over] = cleared(pane.marks);
   for (const { corners } of (scan && state.read[scan.photo]) || []) {
@@ -179,7 +182,7 @@ function drawThumb(canvas, { photo, size }) {
   const [width, height] = [canvas.width, canvas.height];
   const small = new View().fit([0, 0], size, [width, height]);
   context.clearRect(0, 0, width, height);
-  drawLayer(context, rawLayer(photo, 1, size, false), small.frame([width, height]),
+  drawLayer(context, scanLayer(photo, size), small.frame([width, height]),
     [width, height]);
 }
 
