@@ -390,6 +390,7 @@ def test_a_queue_of_nothing_has_a_way_back__law(sit):
     page.keyboard.press("Escape")
     page.wait_for_function("gruber.parts.queue.filter.text === ''")
     assert page.input_value("#sieve-text") == ""
+    page.keyboard.press("Escape")
     page.select_option("#sieve-role", "fiducial")
     page.wait_for_selector("#queue-all:visible")
     page.keyboard.press("a")
@@ -418,6 +419,7 @@ def test_kinds_beside_points_have_a_queue_and_say_when_it_is_empty__law(sit):
     page.select_option("#sieve-role", "fiducial")
     page.wait_for_selector(f"#queue-empty:has-text('{empty}')")
     page.wait_for_selector(f"#nothing:visible:has-text('{empty}')", timeout=9000)
+    assert not page.is_visible("#hint"), "there is nothing to place"
     page.wait_for_selector("#acts button:not(:disabled)", state="detached")
     page.select_option("#sieve-role", "")
     page.wait_for_selector(".row.current")

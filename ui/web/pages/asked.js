@@ -105,7 +105,7 @@ function show() {
   const count = point && !why && !point.draft ? proposalsOf(point).length : 0;
   byId("proposals").hidden = !count;
   byId("proposals-said").textContent = word("proposals", { count });
-  byId("hint").hidden = why || Boolean(point?.draft) || count > 0;
+  byId("hint").hidden = why || Boolean(point?.draft) || count > 0 || !(point || many);
   byId("hint").textContent = many ? word("many.hint") : word("place.hint");
   if (why) showReasons(explaining);
   if (!why && point?.draft) showDraft(point);
