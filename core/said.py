@@ -109,10 +109,10 @@ class Wording(string.Formatter):
         if "|" in format_spec:
             return self._counted(value, format_spec.split("|"))
         if isinstance(value, str):
-            plain = NUMERAL.fullmatch(value) is not None and not format_spec
-            return (
-                value.translate(self._signs) if plain else format(self._again(value), format_spec)
-            )
+            if NUMERAL.fullmatch(value) is None:
+                return format(self._again(value), format_spec)
+            spelt = format(float(value), format_spec) if format_spec else value
+            return spelt.translate(self._signs)
         if isinstance(value, list | tuple):
             several = cast("Sequence[Any]", value)
             return ", ".join(self.format_field(one, format_spec) for one in several)

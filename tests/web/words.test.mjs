@@ -4,7 +4,7 @@ import test from "node:test";
 
 import {
   again, fileSize, learnNames, learnPoints, moment, number, numberOf, numbers, roundNumber,
-  shortName, shortPoint, start, tip, word, written,
+  shortName, shortPoint, squareMetres, start, tip, word, written,
 } from "../../ui/web/pages/words.js";
 
 test("values are put into a sentence, and a word nobody knows shows its key__truth", () => {
@@ -70,6 +70,9 @@ test("a count names its form, and Czech has three, with a comma in numbers__trut
   start.words = { ties: "{count:# tie|# ties}" };
   assert.equal(word("ties", { count: 1 }), "1 tie");
   assert.equal(word("ties", { count: 2300 }), "2\u202f300 ties");
+  start.words = { holes: "{area:,.0f} m" };
+  const areas = [squareMetres(18678.4), word("holes", { area: "18678" })];
+  assert.deepEqual(areas, ["18\u202f678\u2009m\u00b2", "18\u202f678 m"]);
   start.language = "cs";
   start.words = { ties: "{count:# bod|# body|# bodů}", far: "{m:.1f} m ({share:.0%})" };
   assert.deepEqual([1, 3, 5].map((count) => word("ties", { count })),

@@ -274,11 +274,11 @@ def test_control_in_use_is_told_worst_first_and_the_rest_is_counted__truth(conte
 
 def test_holes_of_the_mosaic_are_named__truth(written):
     text = text_of(written[0])
-    assert "2 holes inside the mosaic, 1300 m² together" in text
+    assert "2 holes inside the mosaic, 1 300 m² together" in text
     for hole in written[1]["mosaic"]["holes"]:
         row = (TELL.number(hole[name], ",.0f") for name in ("area_m2", "east", "north"))
         assert re.sub(r"\s", " ", " ".join(row)) in text
-    assert "Holes inside the mosaic: 2, 1300 m² together; the largest (900 m²)" in text
+    assert "Holes inside the mosaic: 2, 1 300 m² together; the largest (900 m²)" in text
 
 
 def test_small_residuals_are_not_told_as_nought__truth(written):

@@ -1,6 +1,6 @@
 // What is drawn over the mosaic: seams with the names of their photos, borders of photos, holes.
 import { FONT, halo, text } from "./overlay.js";
-import { number, shortName } from "./words.js";
+import { number, shortName, squareMetres } from "./words.js";
 
 /** @typedef {(ground: Pair) => Pair} OnScreen */
 /** @typedef {[left: number, top: number, right: number, bottom: number]} Box */
@@ -74,7 +74,7 @@ export function drawHoles(context, { holes = [] }, onScreen, scale) {
     const reach = Math.max(6, radius + 4);
     halo(context, HOLE, 1.6, () => context.arc(x, y, reach, 0, 7));
     if (2 * radius > TOLD_PX) {
-      text(context, number(area, 0, "m\u00b2"), [x + reach + 4, y + 4], HOLE);
+      text(context, squareMetres(area), [x + reach + 4, y + 4], HOLE);
     }
   }
 }

@@ -1,7 +1,7 @@
 // What is told beside the mosaic: how old it is, what a place on it leads to, and its holes.
 import { faultList, markFault } from "./faults.js";
 import { editSide, editTools } from "./mosaic_edit.js";
-import { element, number, shortName, shortPoint, start, word } from "./words.js";
+import { element, number, shortName, shortPoint, squareMetres, start, word } from "./words.js";
 import { send } from "./wire.js";
 
 /**
@@ -137,7 +137,7 @@ function holes({ holes: found = [], hole_count: count = 0 }, { goTo }) {
   if (!count) return [element("p", { class: "muted" }, word("mosaic.holes.none"))];
   const lines = found.map(([east, north, area]) => element("button", { class: "scan",
     "data-hole": "", onclick: () => goTo([east, north]) },
-  element("span", {}, number(area, 0, "m\u00b2")),
+  element("span", {}, squareMetres(area)),
   element("span", { class: "muted" }, `${number(east, 0)}  ${number(north, 0)}`)));
   return [element("h3", {}, word("mosaic.holes", { count })),
     element("div", { class: "scans" }, ...lines)];

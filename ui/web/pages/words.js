@@ -47,7 +47,9 @@ function placed(value, format) {
   }
   if (Array.isArray(value)) return value.map((one) => placed(one, format)).join(", ");
   if (typeof value === "number") return signed(formatted(value, format));
-  if (typeof value === "string" && NUMERAL.test(value)) return signed(value);
+  if (typeof value === "string" && NUMERAL.test(value)) {
+    return signed(format ? formatted(Number(value), format) : value);
+  }
   if (typeof value === "string" && MOMENT.test(value)) return moment(value);
   return typeof value === "string" || value.said ? again(value) : String(value);
 }
@@ -312,6 +314,9 @@ export function number(value, digits, unit = "") {
   if (value === null || value === undefined) return "\u2013";
   return signed(value.toFixed(digits)) + (unit ? `\u2009${unit}` : "");
 }
+
+/** An area, thousands apart. @param {number} value */
+export const squareMetres = (value) => `${formatted(Math.round(value), ",")}\u2009m\u00b2`;
 
 /** A number in a field, with all its digits. @param {number | string} value */
 export const written = (value) =>
