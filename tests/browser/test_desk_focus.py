@@ -263,6 +263,9 @@ def test_checks_are_read_by_keys_alone__law(page: Any, real_desk: RealDesk) -> N
         page.keyboard.press("ArrowRight")
         page.keyboard.press("Shift+ArrowUp")
         assert page.evaluate(f"gruber.checksState().marks[{side}]")
+    # The middles of the two views are different ground: such a reading is asked about.
+    page.keyboard.press("y")
+    page.wait_for_selector("#checks-state.against")
     page.keyboard.press("y")
     page.wait_for_function("name => gruber.checksState().current !== name", arg=place)
     page.wait_for_function("!gruber.isAhead()")
