@@ -36,8 +36,8 @@ from ui.review.state import Notice
 
 Part = dict[str, Any]
 SHOWN_PX = 300
-"""Width of ground that a view opens on, in pixels of the scans: about two pixels of the screen for
-one, as the two pictures of a point begin."""
+"""Width of ground that a view opens on, in pixels of what is read: about two of the screen for one,
+as the two pictures of a point begin."""
 USUAL_PIXEL_M = 0.5
 ASIDE = 0.2
 """The middle of a view lies up to this share of its width beside the place: nobody reads the
@@ -115,6 +115,8 @@ def seat_checks(operator: str, desk: DeskSnapshot) -> Part:
     if shown is not None and desk.mosaic_version:
         bounds = [round(value, 2) for value in shown.product.grid.bounds]
         mosaic = {"version": shown.version, "stale": [], "bounds": bounds}
+        # What is finer than the mosaic's pixel nobody reads in it.
+        pixel = max(pixel, shown.product.grid.ground_sample_distance_m)
     plans = standing_plans(desk.recorded)
     places = plans[-1].plan.places if plans else ()
     return {
@@ -132,7 +134,7 @@ def checks_part(recorded: Sequence[Recorded], operator: str, version: str, pixel
         recorded: Everything decided.
         operator: The observer.
         version: Of the mosaic on disk; empty where there is none.
-        pixel_m: Pixel of the scans, metres.
+        pixel_m: Of what is read: the coarser of scans and mosaic, metres.
     """
     plans = standing_plans(recorded)
     if not plans:
