@@ -203,6 +203,7 @@ def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
         desk.doubts,
         height_sigma_m=desk.reference_sigma_m[2],
         ortho_sigma_m=desk.reference_sigma_m[0],
+        ortho_pixel_m=desk.ortho.ground_sample_distance_m if desk.has_ortho else 0.0,
         mosaic_version=desk.mosaic_version(),
     )
 

@@ -38,6 +38,11 @@ MOST_DEGREES = (180.0, 90.0)
 # design: systems of heights differ by 110 m at most, and towers that are surveyed stand lower.
 HIGHEST_OFF_M = 200.0
 """A height further off the DEM than this is not of a point that stands there."""
+WHOLE_OR_NOT = (
+    Choice("leave out", say("leave them out")),
+    Choice("keep", say("bring them all the same")),
+)
+"""What can be done with points that hardly are where the list has them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,27 +311,17 @@ def within_reach(
         east=east,
         north=north,
     )
-    choices = (
-        Choice("leave out", say("leave them out")),
-        Choice("keep", say("bring them all the same")),
-    )
-    return rows, [], (Question("outside", words, choices),)
+    return rows, [], (Question("outside", words, WHOLE_OR_NOT),)
 
 
 def _beyond(row: ReadRow, around: Surroundings) -> RefusedRow:
     """A point that no photo can see."""
     assert around.bounds is not None, "nothing lies outside a block without bounds"
     east, north = mean_place(_plane([row]), around.bounds)
+    told = "{name} lies {east:+,.0f} m east and {north:+,.0f} m north of the block's middle."
+    cause = say(told, name=row.point.point_id, east=east, north=north)
     return RefusedRow(
-        row.source.number,
-        row.source.text,
-        say(
-            "{name} lies {east:+,.0f} m east and {north:+,.0f} m north of the block's middle.",
-            name=row.point.point_id,
-            east=east,
-            north=north,
-        ),
-        say("Check its digits and its CRS."),
+        row.source.number, row.source.text, cause, say("Check its digits and its CRS.")
     )
 
 
@@ -363,23 +358,12 @@ def on_the_ground(
         height=row.point.height,
         ground=level,
     )
-    choices = (
-        Choice("leave out", say("leave them out")),
-        Choice("keep", say("bring them all the same")),
-    )
-    return rows, [], (Question("heights", words, choices),)
+    return rows, [], (Question("heights", words, WHOLE_OR_NOT),)
 
 
 def _above(row: ReadRow, ground_m: float) -> RefusedRow:
     """A point whose height no ground has."""
-    return RefusedRow(
-        row.source.number,
-        row.source.text,
-        say(
-            "{name} has {height:.1f} m, where the DEM has {ground:.1f} m.",
-            name=row.point.point_id,
-            height=row.point.height,
-            ground=ground_m,
-        ),
-        say("Check digits, column and unit of its height."),
-    )
+    told = "{name} has {height:.1f} m, where the DEM has {ground:.1f} m."
+    cause = say(told, name=row.point.point_id, height=row.point.height, ground=ground_m)
+    remedy = say("Check digits, column and unit of its height.")
+    return RefusedRow(row.source.number, row.source.text, cause, remedy)

@@ -13,12 +13,11 @@ from itertools import pairwise
 
 import numpy as np
 import shapely
-from jaxtyping import Float64
 from scipy.spatial import KDTree
 from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from core.geometry.crs import Bounds, shared_bounds
+from core.geometry.crs import Bounds, PlanePoints, shared_bounds
 from core.progress import SILENT, Progress
 from core.quality.check_points import STANDARD_LEAST
 from core.quality.lasting import AROUND_PX, FINEST_M, LastingPlaces, best_first, lasting_places
@@ -27,8 +26,6 @@ from core.raster.ortho import Ortho
 from core.reference.junctions import Junction
 from core.reference.salient import TEMPLATE_PX
 
-PlanePoints = Float64[np.ndarray, "n 2"]
-"""Easting and northing, metres."""
 # source: ASPRS Positional Accuracy Standards, edition 2 (2023): thirty check points at least.
 USUAL_CELLS = (6, 5)
 """Cells along the longer and the shorter side of the block."""

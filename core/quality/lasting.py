@@ -11,18 +11,17 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32
 from scipy.spatial import KDTree
 
 from core.arrays import Flags, Mask, Scalars
+from core.geometry.crs import PlanePoints
 from core.matching.peaks import local_maxima
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
 from core.reference.junctions import Junction
 from core.reference.salient import directions_of_lines, line_structure
 
-PlanePoints = Float64[np.ndarray, "n 2"]
-"""Easting and northing, metres."""
 Gray = Float32[np.ndarray, "rows columns"]
 """Gray values, or a measure of every pixel."""
 # design: a road is three of these wide; single leaves, ruts and cars are lost.

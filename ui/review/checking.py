@@ -114,9 +114,10 @@ def seat_checks(operator: str, desk: DeskSnapshot) -> Part:
     mosaic = None
     if shown is not None and desk.mosaic_version:
         bounds = [round(value, 2) for value in shown.product.grid.bounds]
-        mosaic = {"version": shown.version, "stale": [], "bounds": bounds}
-        # What is finer than the mosaic's pixel nobody reads in it.
-        pixel = max(pixel, shown.product.grid.ground_sample_distance_m)
+        own = shown.product.grid.ground_sample_distance_m
+        mosaic = {"version": shown.version, "stale": [], "bounds": bounds, "pixel": own}
+        # Nobody reads in both pictures what is finer than the pixel of either.
+        pixel = max(pixel, own, desk.ortho_pixel_m)
     plans = standing_plans(desk.recorded)
     places = plans[-1].plan.places if plans else ()
     return {
@@ -134,7 +135,7 @@ def checks_part(recorded: Sequence[Recorded], operator: str, version: str, pixel
         recorded: Everything decided.
         operator: The observer.
         version: Of the mosaic on disk; empty where there is none.
-        pixel_m: Of what is read: the coarser of scans and mosaic, metres.
+        pixel_m: Of what is read: the coarsest of scans, mosaic and reference, metres.
     """
     plans = standing_plans(recorded)
     if not plans:

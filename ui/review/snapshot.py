@@ -52,6 +52,8 @@ class DeskSnapshot:
     """Standard deviation of the heights of the ground, metres."""
     ortho_sigma_m: float = 0.25
     """Standard deviation per axis of the reference ortho, metres."""
+    ortho_pixel_m: float = 0.0
+    """Its pixel, metres; nought without one."""
     mosaic_version: str = ""
     """What the mosaic on disk was made of; empty where there is none."""
     adjustments: tuple[AdjustmentRecord, ...] = ()
