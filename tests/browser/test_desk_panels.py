@@ -407,8 +407,8 @@ def test_what_is_about_one_row_says_so_while_several_are_marked__law(sit):
     before = page.evaluate("gruber.parts.point.role")
     for key in ("c", "Enter"):
         page.keyboard.press(key)
-        page.wait_for_selector(".notice:has-text('Decides one row')")
-        page.click(".notice:has-text('Decides one row')")
+        page.wait_for_selector(".notice:has-text('single row')")
+        page.click(".notice:has-text('single row')")
     assert page.evaluate("gruber.parts.point.role") == before
     assert not page.evaluate("gruber.parts.point.draft")
 

@@ -32,7 +32,7 @@ def test_a_range_marked_by_key_holds_the_row_that_is_shown__law(sit):
     assert page.evaluate(MARKED) == keys[2:4]
     # A draft is about one row.
     page.click('.pane[data-pane="right"]', position={"x": 60, "y": 60})
-    page.wait_for_selector(".notice:has-text('Decides one row')")
+    page.wait_for_selector(".notice:has-text('single row')")
     assert not page.evaluate("gruber.parts.point.draft")
     assert marks("Escape") == []
     page.focus("#table")

@@ -161,6 +161,6 @@ def test_a_plan_is_named_by_its_number_and_its_places_without_spares__law(tmp_pa
     assert seat.turning is not None
     assert (
         Teller()(seat.turning[1].text, **{**seat.turning[1].values, "count": 2})
-        == "Withdraw check plan 2 of 2 places? U once more does."
+        == "Withdraw check plan 2 of 2 places? Press U again to withdraw it."
     )
     assert dict(told.values) == dict(seat.turning[1].values) == {"what": "2", "count": "2"}
