@@ -11,6 +11,7 @@ from app.bring_points import brought_points
 from app.height_checks import doubts_after
 from app.misfit import make_misfit, make_places
 from app.mosaic import compare_neighbours, make_change, make_mosaic
+from app.orthos import make_orthos
 from app.project import Project, described
 from app.report.checked import REMARK_COLUMNS, REMARKS, remark_rows
 from app.report.model import ReportContent, written_now
@@ -22,18 +23,11 @@ from app.settings import Threads
 from app.sheets import PRODUCT as SHEETS
 from app.sheets import check_sheets, make_sheets, sheets_line
 from app.stage_lines import STAGE_LINES, adjusted_line
-from app.surface import (
-    chosen_ground,
-    make_block_surface,
-    make_ground,
-    surface_line,
-    usable_parts,
-)
+from app.surface import make_block_surface, make_ground, surface_line
 from app.terminal import Interruption, Voice, interruptible
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import influence_of
 from core.adjustment.weights import Terrain
-from core.block import Block
 from core.control.stage import ControlFound, adjusted_without_gross
 from core.doubts import Doubt
 from core.errors import Cancelled
@@ -41,7 +35,7 @@ from core.formats.qgis_project import result_layers, write_qgis_project
 from core.localisation.stage import Localised
 from core.matching.reference import level_of, open_heights
 from core.mosaic.composition import MosaicProduct
-from core.orthos.rectification import OrthoProduct, footprint_of, rectify_photo
+from core.orthos.rectification import footprint_of
 from core.pipeline import STAGES, Stage, made
 from core.progress import Part, Progress, Work
 from core.quality.rules import human_findings
@@ -408,70 +402,6 @@ class Run:
 def adjustment_digest(session: Session, control: str, options: AdjustmentOptions) -> str:
     """Digest of an adjustment with all decisions; `control` is that of the proposed block."""
     return session.products.digest_of("adjustment", 4, control, session.changing(), options)
-
-
-def make_orthos(
-    session: Session,
-    project: Project,
-    block: Block,
-    dem: Dem,
-    progress: Progress,
-    anew: bool = False,
-    only: frozenset[str] | None = None,
-) -> list[OrthoProduct]:
-    """Orthos of all oriented photos; those that are fresh stay as they are.
-
-    Args:
-        session: Where they are kept.
-        project: For the ground sample distance.
-        block: The adjusted block.
-        dem: Heights.
-        progress: Told per photo.
-        anew: Make all of them again.
-        only: Make no others than these; the rest stays as it is on disk.
-    """
-    digest_of = session.products.digest_of
-    photos = [photo for photo in block.photos.values() if photo.oriented]
-    gsd = project.ortho.gsd_m or default_gsd_m(block)
-    usable = usable_parts(session)
-    heights, corrections = chosen_ground(session, project, dem)
-    orthos: list[OrthoProduct] = []
-    wanted = len(photos) if only is None else max(len(only), 1)
-    made_now = 0
-    for photo in photos:
-        camera = block.camera_of(photo.photo_id)
-        stage = f"ortho/{photo.photo_id}"
-        ground = project.reference.dem or (dem.mean_height(),)
-        inputs = digest_of(stage, 2, photo, camera, gsd, (*ground, *corrections), photo.scan)
-        target = session.results / "ortho" / f"{photo.photo_id}.tif"
-        # The file itself counts as well: one that was cut, replaced or removed is made again.
-        kept = None if anew else session.products.load_value(stage, digest_of(inputs, target))
-        if only is not None and photo.photo_id not in only:
-            kept = session.products.latest_value(stage) or kept
-        if kept is None or not target.is_file():
-            part = Part(progress, made_now / wanted, min((made_now + 1) / wanted, 1.0))
-            part.report(0, 1, photo.photo_id)
-            with whole_file(target) as temporary:
-                shown = usable(photo.photo_id)
-                made = rectify_photo(
-                    photo, camera, heights, gsd, temporary, block.crs, usable=shown, progress=part
-                )
-            kept = OrthoProduct(made.photo_id, target, made.grid, made.covered_share, made.nadir)
-            session.products.save_value(stage, digest_of(inputs, target), kept)
-            session.products.save_value(f"made-with/{photo.photo_id}", inputs, (photo, camera))
-            made_now += 1
-        elif only is None:
-            made_now += 1
-        orthos.append(kept)
-    progress.report(1, 1)
-    return orthos
-
-
-def default_gsd_m(block: Block) -> float:
-    """The scans' own ground sample distance, rounded up to a round figure, metres."""
-    sizes = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
-    mean = sum(sizes) / len(sizes)
-    return next((step for step in (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0) if step >= mean), 10.0)
 
 
 def write_all(session: Session, content: ReportContent, dem: Dem) -> None:

@@ -27,7 +27,7 @@ from sessions.atomic_write import whole_file
 from sessions.session import Session
 
 CLASSES, CORRECTIONS = "ground.tif", "ground_correction.tif"
-VERSION = 1
+VERSION = 2
 """Counted up when the same inputs give another surface than before."""
 
 

@@ -16,9 +16,10 @@ from app.desk.exporting import export_routes
 from app.desk.measuring import Errors, Filling, PhotoToPhoto
 from app.desk.mosaic import MosaicFile, sheet_routes
 from app.mosaic import make_change, make_mosaic
+from app.orthos import make_orthos
 from app.placing import Placeable, standing_block
 from app.project import Project, described
-from app.run import PAGE, Run, RunOptions, make_orthos, terrain_of, write_all
+from app.run import PAGE, Run, RunOptions, terrain_of, write_all
 from app.running import Running
 from app.sheets import check_sheets, make_sheets
 from app.terminal import JsonLines

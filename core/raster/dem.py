@@ -37,6 +37,9 @@ RIM_PX = 2
 # design: five megabytes, the ground of one photo on a DEM of one to five metres.
 PIECE_PX = 1024
 """Points are looked up in pieces of this size, so that a large DEM is never read whole."""
+# design: 0.9 GB while it is read, 36 bytes a pixel, a fifth of the memory a stage may take.
+HELD_PX = 25_000_000
+"""A part of no more pixels is held in memory."""
 # design: coarser ones are only asked for mean heights and hill shading.
 EXACT_TO = 4
 """Up to this reduction heights are means of original pixels."""
@@ -115,11 +118,12 @@ class Dem:
         return int(self.window.filled.sum()) if self.window else 0
 
     def cropped(self, bounds: Bounds) -> "Dem":
-        """The DEM within bounds (and a margin), held in memory: for many look-ups."""
+        """The DEM within bounds (and a margin), held in memory if it fits: for many look-ups."""
         if self.window is not None:
             return self
         part = self.grid.covering(bounds, RIM_PX)
-        return Dem(self.sheets, part, self._read(part))
+        held = self._read(part) if part.columns * part.rows <= HELD_PX else None
+        return Dem(self.sheets, part, held)
 
     def heights(self, points: PlanePoints) -> Scalars:
         """Heights at easting and northing, metres; NaN outside the DEM and in gaps.
@@ -205,9 +209,11 @@ class Dem:
 
     def _piece(self, column: int, row: int) -> HeightWindow:
         """A square piece of the DEM and a rim of two pixels, kept for the next question."""
-        bounds = self.grid.window(column * PIECE_PX, row * PIECE_PX, PIECE_PX, PIECE_PX).bounds
+        grid = self.grid
+        bounds = grid.window(column * PIECE_PX, row * PIECE_PX, PIECE_PX, PIECE_PX).bounds
+        # A part that was cut out counts its pieces from its own corner.
         return TILES.get(
-            (self.sheets.key, "piece", column, row, PIECE_PX),
+            (self.sheets.key, "piece", grid.west, grid.north, column, row, PIECE_PX),
             lambda: self._read(self.grid.covering(bounds, RIM_PX)),
         )
 

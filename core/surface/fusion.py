@@ -106,8 +106,7 @@ def fuse_pairs(
 ) -> CellHeights:
     """One surface of all pairs: the weighted mean of those that agree with the weighted median.
 
-    Where the only two pairs contradict each other, and where no majority of weight agrees, there
-    is a hole.
+    Where no two of several pairs agree, and where no majority of weight agrees, there is a hole.
 
     Args:
         found: Heights and standard deviations of the cells by each pair.
@@ -125,12 +124,12 @@ def fuse_pairs(
     middle = _weighted_median(heights, weights)
     agree = known & (np.abs(heights - middle) <= AGREEMENT * np.where(known, sigmas, 0))
     used = np.where(agree, weights, 0)
-    total = used.sum(axis=0)
-    # The majority: what contradicts may not weigh as much as what agrees.
-    sound = (total > 0) & (2 * total > weights.sum(axis=0))
+    total, count = used.sum(axis=0), agree.sum(axis=0)
+    # The majority: what contradicts may not weigh as much as what agrees, nor one pair as a second.
+    confirmed = count >= np.minimum(known.sum(axis=0), 2)
+    sound = confirmed & (total > 0) & (2 * total > weights.sum(axis=0))
     safe = np.where(sound, total, 1)
     mean = (used * np.where(agree, heights, 0)).sum(axis=0) / safe
-    count = agree.sum(axis=0)
     # Three pairs of three photos say no more than two of them.
     alike = np.sqrt(count / np.maximum(_photos_in(agree, photos) - 1, 1))
     sigma = _sigma_of(np.where(agree, heights - mean, 0), used, count, safe)

@@ -11,7 +11,7 @@ import pytest
 
 import app.run
 from app.project import read_project
-from app.run import STAGE_NAMES, Run, RunOptions, adjustment_digest, default_gsd_m
+from app.run import STAGE_NAMES, Run, RunOptions, adjustment_digest
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.block import TiePoints
@@ -236,12 +236,6 @@ def test_the_engine_s_stages_come_before_what_needs_decisions__law():
         *("scans", "georeference", "reference", "localisation", "ties", "control"),
         *("adjustment", "surface", "orthos", "mosaic", "sheets", "report"),
     ) == STAGE_NAMES
-
-
-def test_orthos_are_as_fine_as_the_scans__truth():
-    """15 um at 1 : 15 000 is 22 cm on the ground, and the next round figure 25 cm."""
-    flight = fly(FlightPlan(ties=40), np.random.default_rng(0))
-    assert default_gsd_m(flight.block) == 0.25
 
 
 def test_the_engine_repeats_until_control_is_final__law(kitchen, monkeypatch):

@@ -29,8 +29,9 @@ import shapely
 from scipy import ndimage
 
 from app.mosaic import kept_orthos, make_mosaic, seam_guides
+from app.orthos import make_orthos
 from app.project import read_project
-from app.run import Run, RunOptions, make_orthos
+from app.run import Run, RunOptions
 from app.terminal import JsonLines
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import TiePoints

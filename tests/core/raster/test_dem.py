@@ -87,6 +87,24 @@ def test_a_gap_is_filled_alike_wherever_the_window_ends__law(tmp_path):
         )
 
 
+def test_a_part_too_large_for_memory_is_read_in_pieces_and_tells_the_same__law(
+    tmp_path, monkeypatch
+):
+    dem = open_dem(write_raster(tmp_path / "d.tif", hills(150, 200), place(2.0)), CRS)
+    part = dem.grid.window(37, 21, 120, 100)
+    at = np.column_stack([WEST + np.linspace(70, 320, 400), NORTH - np.linspace(40, 250, 400)])
+    held = dem.cropped(part.bounds)
+    monkeypatch.setattr(dem_module, "HELD_PX", 1000)
+    monkeypatch.setattr(dem_module, "PIECE_PX", 32)
+    pieces = dem.cropped(part.bounds)
+    assert held.window is not None
+    assert pieces.window is None
+    assert pieces.bounds == held.bounds
+    dem.heights(at)
+    np.testing.assert_allclose(pieces.heights(at), held.heights(at), atol=1e-9)
+    np.testing.assert_allclose(pieces.on(part), held.on(part), atol=1e-4)
+
+
 def test_pieces_join_without_seam__law(tmp_path, somewhere, monkeypatch):
     path = write_raster(tmp_path / "d.tif", hills(150, 200), place(2.0))
     whole = open_dem(path, CRS).heights(somewhere)

@@ -116,8 +116,9 @@ def test_pairs_that_agree_outvote_one_that_does_not__truth():
     assert (fused.pairs == 2).all()
 
 
-def test_two_pairs_that_contradict_each_other_leave_a_hole__truth():
-    fused = fuse_pairs([level(10, 0.5), level(30, 0.5)], RING[:2], CELLS)
+@pytest.mark.parametrize("sigma", [0.5, 0.51, 2.0])
+def test_two_pairs_that_contradict_each_other_leave_a_hole__truth(sigma):
+    fused = fuse_pairs([level(10, 0.5), level(30, sigma)], RING[:2], CELLS)
     assert np.isnan(fused.heights).all()
     assert (fused.pairs == 0).all()
     assert np.isnan(fuse_pairs([], [], CELLS).heights).all()

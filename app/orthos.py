@@ -1,0 +1,88 @@
+"""The stage `orthos` of a block on disk: one file for each photo, made where it is not fresh."""
+
+from app.project import Project
+from app.surface import chosen_ground, usable_parts
+from core.block import Block
+from core.orthos.rectification import OrthoProduct, rectify_photo
+from core.progress import Part, Progress
+from core.raster.dem import Dem
+from sessions.atomic_write import whole_file
+from sessions.session import Session
+
+FOLDER = "ortho"
+"""Of the results."""
+
+
+def make_orthos(
+    session: Session,
+    project: Project,
+    block: Block,
+    dem: Dem,
+    progress: Progress,
+    anew: bool = False,
+    only: frozenset[str] | None = None,
+) -> list[OrthoProduct]:
+    """Orthos of all oriented photos; those that are fresh stay as they are.
+
+    Those of photos that no longer take part are removed.
+
+    Args:
+        session: Where they are kept.
+        project: For the ground sample distance.
+        block: The adjusted block.
+        dem: Heights.
+        progress: Told per photo.
+        anew: Make all of them again.
+        only: Make no others than these; the rest stays as it is on disk.
+    """
+    digest_of = session.products.digest_of
+    photos = [photo for photo in block.photos.values() if photo.oriented]
+    gsd = project.ortho.gsd_m or default_gsd_m(block)
+    usable = usable_parts(session)
+    heights, corrections = chosen_ground(session, project, dem)
+    orthos: list[OrthoProduct] = []
+    wanted = len(photos) if only is None else max(len(only), 1)
+    made_now = 0
+    for photo in photos:
+        camera = block.camera_of(photo.photo_id)
+        stage = f"ortho/{photo.photo_id}"
+        ground = project.reference.dem or (dem.mean_height(),)
+        inputs = digest_of(stage, 2, photo, camera, gsd, (*ground, *corrections), photo.scan)
+        target = session.results / FOLDER / f"{photo.photo_id}.tif"
+        # The file itself counts as well: one that was cut, replaced or removed is made again.
+        kept = None if anew else session.products.load_value(stage, digest_of(inputs, target))
+        if only is not None and photo.photo_id not in only:
+            kept = session.products.latest_value(stage) or kept
+        if kept is None or not target.is_file():
+            part = Part(progress, made_now / wanted, min((made_now + 1) / wanted, 1.0))
+            part.report(0, 1, photo.photo_id)
+            with whole_file(target) as temporary:
+                shown = usable(photo.photo_id)
+                made = rectify_photo(
+                    photo, camera, heights, gsd, temporary, block.crs, usable=shown, progress=part
+                )
+            kept = OrthoProduct(made.photo_id, target, made.grid, made.covered_share, made.nadir)
+            session.products.save_value(stage, digest_of(inputs, target), kept)
+            session.products.save_value(f"made-with/{photo.photo_id}", inputs, (photo, camera))
+            made_now += 1
+        elif only is None:
+            made_now += 1
+        orthos.append(kept)
+    progress.report(1, 1)
+    if only is None:
+        _remove_others(session, {photo.photo_id for photo in photos})
+    return orthos
+
+
+def _remove_others(session: Session, names: set[str]) -> None:
+    """Delete orthos made of other photos; files that nobody made here stay."""
+    for path in (session.results / FOLDER).glob("*.tif"):
+        if path.stem not in names and session.products.latest_value(f"ortho/{path.stem}"):
+            path.unlink(missing_ok=True)
+
+
+def default_gsd_m(block: Block) -> float:
+    """The scans' own ground sample distance, rounded up to a round figure, metres."""
+    sizes = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
+    mean = sum(sizes) / len(sizes)
+    return next((step for step in (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0) if step >= mean), 10.0)
