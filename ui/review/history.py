@@ -43,7 +43,7 @@ SHEET_KINDS: Mapping[str, Kinds] = {
     "board": (JudgeFiducial, PlaceFiducial, FillMarks),
     "mask": (DrawMask,),
     "mosaic": (SeamLine, SeamArea, Remark),
-    "checks": (PlanChecks, ReadCheck, Remark),
+    "checks": (PlanChecks, ReadCheck),
 }
 """What undo takes back while a sheet lies over the desk: only what is decided there."""
 LONGEST = 30
@@ -197,6 +197,7 @@ def turn_back(
         others: Numbers of decisions that somebody else made under the same name.
     """
     kinds, decisions = SHEET_KINDS.get(seat.sheet, ()), session.decisions()
+    others = {*others, *(_words_elsewhere(decisions) if seat.sheet == "mosaic" else ())}
     last = last_to_undo(decisions, seat.operator, kinds, others) if act == "undo" else None
     asked = seat.turning[0] if seat.turning else 0
     if last is not None and last.decision_id != asked and (about := _undo_question(last.decision)):
@@ -205,6 +206,24 @@ def turn_back(
     turn = session.undo if act == "undo" else session.redo
     turn(seat.operator, kinds, others)
     return tuple(session.decisions()[known:]), replace(seat, turning=None)
+
+
+def _words_elsewhere(decisions: Sequence[Recorded]) -> set[int]:
+    """Words, said or withdrawn, that are neither about a place or a fault nor an answer to one."""
+    faults: set[str] = set()
+    elsewhere: set[int] = set()
+    for item in decisions:
+        match item.decision:
+            case Remark(fault=fault) if fault:
+                faults.add(str(item.decision_id))
+            case Remark(subject=subject, name=name):
+                if subject != "place" and not (subject == "decision" and name in faults):
+                    elsewhere.add(item.decision_id)
+            case Withdraw(decision_id=number) if number in elsewhere:
+                elsewhere.add(item.decision_id)
+            case _:
+                pass
+    return elsewhere
 
 
 def _undo_question(decision: Decision) -> Notice | None:
@@ -240,7 +259,10 @@ def turn_notice(act: str, decision: Decision, key: Key | None, count: int) -> No
         return Notice(f"notice.{act}.several", {"count": f"{count}"})
     about = " \u00b7 ".join(key) if key else subject_of(decision)
     places = {"count": f"{decision.count}"} if isinstance(decision, PlanChecks) else {}
-    return Notice(f"notice.{act}.{type(decision).__name__}", {"what": about, **places})
+    name = type(decision).__name__
+    if isinstance(decision, Remark) and not decision.words:
+        name += ".fault" if decision.fault else ".answer"
+    return Notice(f"notice.{act}.{name}", {"what": about, **places})
 
 
 def gives_reason(before: Decision, now: Decision) -> bool:

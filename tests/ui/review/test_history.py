@@ -8,6 +8,7 @@ import pytest
 from core.formats.listed_point import ListedPoint
 from core.quality.check_plan import CheckPlace
 from sessions.decisions import (
+    DECISIONS,
     REASONS,
     Accept,
     AddPoint,
@@ -15,6 +16,7 @@ from sessions.decisions import (
     JudgePhoto,
     Place,
     PlanChecks,
+    ReadCheck,
     Recorded,
     Reject,
     Remark,
@@ -37,7 +39,7 @@ from ui.review.history import (
     with_adjustment,
 )
 from ui.review.state import NO_EXTRA, Seat
-from ui.words.catalogue import Teller
+from ui.words.catalogue import LANGUAGES, Teller, words
 
 KEY = ("J101", "a")
 LISTED = ListedPoint("J101", 0.0, 0.0, 0.0, (0.1, 0.1, 0.1))
@@ -164,3 +166,56 @@ def test_a_plan_is_named_by_its_number_and_its_places_without_spares__law(tmp_pa
         == "Withdraw check plan 2 of 2 places? Press U again to withdraw it."
     )
     assert dict(told.values) == dict(seat.turning[1].values) == {"what": "2", "count": "2"}
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("act", ["undo", "redo"])
+def test_every_kind_of_decision_has_a_text_of_its_undo_and_redo__law(language, act):
+    kinds = {one.__name__ for one in DECISIONS} - {"Withdraw"}
+    assert {f"notice.{act}.{name}" for name in kinds} <= set(words(language))
+
+
+@pytest.mark.parametrize(
+    ("decision", "told"),
+    [
+        (Remark("point", "J101", "wet"), "Undone: remark \u201cwet\u201d"),
+        (Remark("place", "", "", (1.0, 2.0), "cloud"), "Undone: fault marked"),
+        (Remark("decision", "7", "", closes=True), "Undone: answer to a fault"),
+    ],
+)
+def test_a_remark_without_words_is_told_by_what_it_did__truth(decision, told):
+    notice = turn_notice("undo", decision, None, 1)
+    assert Teller()(notice.text, **notice.values) == told
+
+
+@pytest.mark.parametrize(
+    ("sheet", "own"),
+    [("checks", (1,)), ("mosaic", (3, 4)), ("", (1, 2, 3, 4, 5, 6))],
+)
+def test_a_sheet_takes_back_only_what_was_said_there__law(tmp_path, sheet, own):
+    """U on the checks withdrew words about a point, and left the reading."""
+    said = (
+        ReadCheck("1-01", (1.0, 2.0), (1.0, 2.0), "v"), Remark("photo", "a", "plain"),
+        Remark("place", "", "a cloud", (1.0, 2.0), "cloud"), Remark("decision", "3", "yes"),
+        Remark("decision", "1", "sure?"), Remark("point", "J101", "wet"),
+    )  # fmt: skip
+    seat = Seat("s", "ada", sheet=sheet)
+    with Session.open(tmp_path, "ada") as session:
+        for one in said:
+            session.record(one)
+        undone = [turn_back(session, "undo", seat, ())[0] for _ in range(len(said))]
+        back = [one.decision for (one,) in filter(None, undone)]
+        assert back == [Withdraw(number) for number in reversed(own)]
+        redone = [turn_back(session, "redo", seat, ())[0] for _ in range(len(said))]
+        assert len([one for one in redone if one]) == len(own)
+
+
+def test_a_word_at_the_desk_keeps_nothing_from_being_done_again_in_a_sheet__law(tmp_path):
+    seat = Seat("s", "ada", sheet="mosaic")
+    with Session.open(tmp_path, "ada") as session:
+        session.record(Remark("place", "", "a cloud", (1.0, 2.0), "cloud"))
+        turn_back(session, "undo", seat, ())
+        session.record(Remark("point", "J101", "wet"))
+        session.undo()
+        (again,), _ = turn_back(session, "redo", seat, ())
+    assert again.decision == Withdraw(2)
