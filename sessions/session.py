@@ -106,7 +106,7 @@ class Session:
         operator: str | None = None,
         joined: Recorded | None = None,
     ) -> tuple[Recorded, ...]:
-        """Put decisions on the disk; when this returns, they are there.
+        """Put decisions on the disk, all or none; when this returns, they are there.
 
         What is recorded at once bears one time, which no other record of this session has: it is
         undone at once.
@@ -123,13 +123,14 @@ class Session:
         who = operator or self.operator
         if joined is not None and joined.who == who:
             when = joined.when
-        recorded: list[Recorded] = []
-        for decision in decisions:
-            placed = decision if seen is None else with_place(decision, seen)
-            text = json.dumps(to_json(placed), ensure_ascii=False)
-            number = self._store.append(when, who, type(placed).__name__, text)
-            recorded.append(Recorded(number, when, who, placed))
-        return tuple(recorded)
+        placed = [one if seen is None else with_place(one, seen) for one in decisions]
+        texts = [
+            (type(one).__name__, json.dumps(to_json(one), ensure_ascii=False)) for one in placed
+        ]
+        numbers = self._store.append(when, who, texts)
+        return tuple(
+            Recorded(number, when, who, one) for number, one in zip(numbers, placed, strict=True)
+        )
 
     def decisions(self) -> tuple[Recorded, ...]:
         """Every decision of every operator, in order, withdrawn ones and withdrawals included."""

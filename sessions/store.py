@@ -194,17 +194,25 @@ class Store:
             raise
         return store
 
-    def append(self, recorded: str, who: str, kind: str, decision: str) -> int:
-        """Put one decision on the disk; when this returns, it is there.
+    def append(self, recorded: str, who: str, decisions: Sequence[tuple[str, str]]) -> list[int]:
+        """Put decisions on the disk, all or none; when this returns, they are there.
+
+        Args:
+            recorded: When.
+            who: Who decided.
+            decisions: Kind and text of each.
 
         Returns:
-            Its number.
+            Their numbers.
         """
         with self.writing() as transaction:
-            return transaction.execute(
-                "INSERT INTO decisions (recorded, who, kind, decision) VALUES (?, ?, ?, ?)",
-                (recorded, who, kind, decision),
-            )
+            return [
+                transaction.execute(
+                    "INSERT INTO decisions (recorded, who, kind, decision) VALUES (?, ?, ?, ?)",
+                    (recorded, who, kind, decision),
+                )
+                for kind, decision in decisions
+            ]
 
     def rows(self, after: int = 0) -> list[Row]:
         """The decisions recorded after a given one, in order."""

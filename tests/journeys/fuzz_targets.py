@@ -407,7 +407,7 @@ def _decisions(path: Path) -> object:
         return None
     store = Store.open(path.parent / SESSION)
     for row in rows if isinstance(rows, list) else [rows]:
-        store.append("2026-01-01T00:00:00.000+00:00", "x", "Place", json.dumps(row))
+        store.append("2026-01-01T00:00:00.000+00:00", "x", [("Place", json.dumps(row))])
     store.close()
     with Session.open(path.parent, "surveyor") as session:
         return [one.decision for one in session.decisions()]

@@ -39,7 +39,7 @@ FOOTPRINTS = {
 def written(tmp_path: Path, block: Block, report_of: ReportOf) -> Path:
     path = tmp_path / "session.gpkg"
     file = Store.open(path)
-    file.append("2026-01-01", "ada", "Accept", "{}")
+    file.append("2026-01-01", "ada", [("Accept", "{}")])
     write_layers(file, block, report_of(block), FOOTPRINTS)
     file.close()
     return path

@@ -151,7 +151,7 @@ def test_layers_stand_beside_the_decisions__oracle(
 def test_decision_of_a_newer_program_is_told_and_kept__truth(tmp_path: Path) -> None:
     with Session.open(tmp_path, "ada") as session:
         store = Store.open(tmp_path / "session.gpkg")
-        store.append("2026-01-01", "eve", "Merge", '{"@":"Merge"}')
+        store.append("2026-01-01", "eve", [("Merge", '{"@":"Merge"}')])
         store.close()
         with pytest.raises(StorageError, match="decision 1, which this Gruber cannot read"):
             session.decisions()

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -58,7 +59,7 @@ def acknowledged_by(process: subprocess.Popen[str], first: str = "") -> dict[int
 
 
 def append(file: Store, text: str = "{}") -> int:
-    return file.append("2026-01-01T00:00:00+00:00", "ada", "Accept", text)
+    return file.append("2026-01-01T00:00:00+00:00", "ada", [("Accept", text)])[0]
 
 
 def raw(path: Path, sql: str) -> list[tuple[object, ...]]:
@@ -167,7 +168,7 @@ def test_two_processes_append_at_once__law(tmp_path: Path) -> None:
 def test_two_processes_may_begin_the_same_session__law(tmp_path: Path) -> None:
     script = (
         "import sys; from pathlib import Path; from sessions.store import Store\n"
-        "f = Store.open(Path(sys.argv[1])); f.append('', 'x', 'Accept', '{}'); f.close()"
+        "f = Store.open(Path(sys.argv[1])); f.append('', 'x', [('Accept', '{}')]); f.close()"
     )
     processes = [python(script, str(tmp_path / "session.gpkg")) for _ in range(4)]
     assert [process.communicate()[1] for process in processes] == [""] * 4
@@ -282,6 +283,16 @@ def test_a_read_only_file_is_told__truth(tmp_path: Path, monkeypatch: pytest.Mon
     file.close()
 
 
+def test_decisions_recorded_at_once_are_on_disk_all_or_none__law(tmp_path: Path) -> None:
+    file = Store.open(tmp_path / "session.gpkg")
+    refused: Any = None
+    with pytest.raises(StorageError):
+        file.append("2026-01-01", "ada", [("Accept", "{}"), ("Accept", refused)])
+    assert file.rows() == []
+    assert file.append("2026-01-01", "ada", [("Accept", "{}")] * 3) == [1, 2, 3]
+    file.close()
+
+
 def test_a_full_disk_is_told_and_keeps_what_was_recorded__truth(tmp_path: Path) -> None:
     """The limit on the size of a file stands in for a full disk."""
     script = """
@@ -295,7 +306,7 @@ limit = Path(sys.argv[1]).stat().st_size + 20000
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 for number in range(1000):
     try:
-        file.append("", "ada", "Accept", "x" * 500)
+        file.append("", "ada", [("Accept", "x" * 500)])
     except StorageError as error:
         print(number, error)
         break

@@ -12,8 +12,8 @@ from ui.web.access import is_guest
 
 Parts = Mapping[str, str]
 """Parts of a page by name, each as JSON text."""
-MESSAGE_BYTES = 64 * 1024
-"""A gesture is never longer."""
+MESSAGE_BYTES = 4 * 1024 * 1024
+"""A gesture is never longer: a verdict on 50 000 rows at once, names of 40 letters each."""
 PIECE = 50
 """Lines of one piece."""
 
@@ -55,7 +55,11 @@ class Channel:
 
     def show(self, seat_id: str, parts: Parts) -> None:
         """Bring every page of a seat up to date; a slow page gets only the newest."""
-        self._latest.setdefault(seat_id, {}).update(parts)
+        latest = self._latest.setdefault(seat_id, {})
+        if "rows/count" in parts:
+            for name in [name for name in latest if name.startswith("rows/")]:
+                del latest[name]
+        latest.update(parts)
         for page, sitting in self._pages.items():
             if sitting == seat_id:
                 self._wakes[page].set()
@@ -117,7 +121,10 @@ class Channel:
         while True:
             await wake.wait()
             wake.clear()
-            sent, latest = self._sent[page], self._latest.get(seat_id, {})
+            latest = self._latest.get(seat_id, {})
+            # A page has cut off pieces that are no more: they are sent again when they return.
+            kept = {name: text for name, text in self._sent[page].items() if name in latest}
+            sent = self._sent[page] = kept
             changed = {name: text for name, text in latest.items() if sent.get(name) != text}
             notices, self._notices[page] = self._notices[page], []
             sent.update(changed)

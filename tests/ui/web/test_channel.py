@@ -79,6 +79,45 @@ def test_a_page_gets_what_changed_since_it_last_heard__law():
     asyncio.run(visit())
 
 
+def test_pieces_that_were_cut_off_come_again_when_they_return__law():
+    """Points that are undone and redone: the page ends with the rows that there are."""
+    lines, many = Lines(), [["P", "a", number] for number in range(3 * PIECE)]
+
+    async def visit() -> None:
+        room, pieces = Room(), []
+        async with (
+            TestServer(room.application()) as server,
+            TestClient(server) as client,
+            client.ws_connect("/desk/seat-one") as page,
+        ):
+            for rows in (many, many[:PIECE], many):
+                room.channel.show("seat-one", lines.told(rows))
+                pieces.append(set(await page.receive_json()))
+        assert pieces[1] == {"rows/count"}
+        assert pieces[2] == {"rows/1", "rows/2", "rows/count"}
+
+    asyncio.run(visit())
+
+
+def test_a_verdict_on_thousands_of_rows_at_once_arrives__law():
+    keys = [[f"J-7432105_-1043050{number:05d}", f"roll-1938-{number}"] for number in range(5000)]
+
+    async def visit() -> None:
+        room = Room()
+        async with (
+            TestServer(room.application()) as server,
+            TestClient(server) as client,
+            client.ws_connect("/desk/seat-one") as page,
+        ):
+            await page.send_json({"kind": "judge", "keys": keys, "verdict": "accept"})
+            async with asyncio.timeout(30):
+                while not room.gestures:
+                    await asyncio.sleep(0.01)
+        assert [len(one.keys) for one in room.gestures] == [5000]
+
+    asyncio.run(visit())
+
+
 def test_a_guest_may_step_and_is_told_why_not_decide__law():
     async def visit() -> None:
         room = Room()
