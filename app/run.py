@@ -401,7 +401,7 @@ class Run:
 
 def adjustment_digest(session: Session, control: str, options: AdjustmentOptions) -> str:
     """Digest of an adjustment with all decisions; `control` is that of the proposed block."""
-    return session.products.digest_of("adjustment", 4, control, session.changing(), options)
+    return session.products.digest_of("adjustment", 5, control, session.changing(), options)
 
 
 def write_all(session: Session, content: ReportContent, dem: Dem) -> None:

@@ -1,6 +1,6 @@
 """Apply the operator's standing decisions to the scans and to the block."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -95,6 +95,7 @@ def replay(
     block = with_placed(block, decisions)
     measurements, surveyed = dict(block.measurements), dict(block.surveyed)
     known_photos, unmatched = block.photos, list[Recorded]()
+    verdicts = dict[str | int, bool]()
     known = {recorded.decision_id for recorded in decisions}
     # What was measured of a point holds whenever its list comes in again.
     for recorded in standing(decisions):
@@ -107,8 +108,10 @@ def replay(
             case SetRole() | AddPoint() | BringPoints() as decision:
                 matched = _change_points(known_photos, surveyed, measurements, decision)
             case JudgeTie() | JudgePhoto() as decision:
-                after = judged(block, decision)
-                matched, block = after is not None, after or block
+                subject = _subject(block, decision)
+                matched = subject is not None
+                if subject is not None:
+                    verdicts[subject] = decision.use
             case (
                 JudgeFiducial()
                 | PlaceFiducial()
@@ -127,6 +130,7 @@ def replay(
                 matched = _decide(block, surveyed, measurements, decision, recorded=recorded)
         if not matched:
             unmatched.append(recorded)
+    block = _without(block, {name for name, use in verdicts.items() if not use})
     block = with_marks(block, decisions, found, block.cameras if given is None else given)
     block = replace(block, surveyed=surveyed, measurements=measurements)
     block = with_masks(block, standing_masks(decisions))
@@ -342,16 +346,31 @@ def _near(place: Measurement | Peak, column: float, row: float) -> bool:
 
 def judged(block: Block, decision: JudgeTie | JudgePhoto) -> Block | None:
     """The block after the verdict; None when what it is about is not in this block."""
-    match decision:
-        case JudgeTie():
-            return _with_tie(block, decision)
-        case JudgePhoto(photo_id=photo_id, use=use):
-            photo = block.photos.get(photo_id)
-            if photo is None:
-                return None
-            # A photo that was never placed cannot be used because somebody says so.
-            kept = replace(photo, oriented=photo.oriented and use)
-            return block.with_photos({**block.photos, photo_id: kept})
+    subject = _subject(block, decision)
+    if subject is None:
+        return None
+    return block if decision.use else _without(block, {subject})
+
+
+def _subject(block: Block, decision: JudgeTie | JudgePhoto) -> str | int | None:
+    """The photo, or the number of the tie point, that a verdict is about; None without it."""
+    photo_id = decision.photo_id
+    if isinstance(decision, JudgeTie):
+        return tie_at(block.ties, photo_id, decision.column, decision.row)
+    return photo_id if photo_id in block.photos else None
+
+
+def _without(block: Block, subjects: Collection[str | int]) -> Block:
+    """Without photos and tie points that are not to be used; other ties keep their numbers."""
+    if not subjects:
+        return block
+    photos = {
+        name: replace(photo, oriented=False) if name in subjects else photo
+        for name, photo in block.photos.items()
+    }
+    wrong = [subject for subject in subjects if isinstance(subject, int)]
+    ties = block.ties.kept(~np.isin(block.ties.point, wrong))
+    return replace(block.with_photos(photos), ties=ties)
 
 
 def tie_at(ties: TiePoints, photo_id: str, column: float, row: float) -> int | None:
@@ -363,14 +382,3 @@ def tie_at(ties: TiePoints, photo_id: str, column: float, row: float) -> int | N
     if not len(away) or float(away.min()) > SAME_RAY_PX:
         return None
     return int(ties.point[rays[int(np.argmin(away))]])
-
-
-def _with_tie(block: Block, decision: JudgeTie) -> Block | None:
-    """Without the rays of a wrong tie point; the others keep their numbers."""
-    ties = block.ties
-    number = tie_at(ties, decision.photo_id, decision.column, decision.row)
-    if number is None:
-        return None
-    if decision.use:
-        return block
-    return replace(block, ties=ties.kept(ties.point != number))

@@ -19,6 +19,8 @@ from sessions.decisions import (
     ChoosePeak,
     Decision,
     DrawMask,
+    JudgePhoto,
+    JudgeTie,
     MarkDubious,
     MarkNotVisible,
     Place,
@@ -136,6 +138,24 @@ def test_the_later_decision_holds__truth(block: Block) -> None:
     assert after(block, Accept("P1", "A"), Reject("P1", "A", "other")).status == "rejected"
     turned_down = after(block, Place("P1", "A", 1.0, 2.0), Reject("P1", "A", "blurred"))
     assert (turned_down.column, turned_down.status) == (1.0, "rejected")
+
+
+def test_of_verdicts_on_a_photo_or_a_tie_the_last_that_stands_counts__law(block: Block) -> None:
+    kept = block.ties.kept(block.ties.point != 1)
+    ties = replace(kept, pixels=kept.pixels + np.array([[0.0, 0.0], [50.0, 0.0]]))
+    block = replace(block, ties=ties)
+    # A tie is the same one whichever of its rays was judged.
+    tie = {use: JudgeTie("A", 100.25, 100.25, use) for use in (False, True)}
+    other = JudgeTie("B", 150.25, 100.25, use=False)
+    photo = {use: JudgePhoto("A", use) for use in (False, True)}
+    log = number([photo[False], tie[False], other, photo[True], tie[True]])
+    again = replay(block, log)
+    assert not again.unmatched
+    assert encode(again.block) == encode(block)
+    out = replay(block, number([photo[True], tie[True], photo[False], other])).block
+    assert (out.photos["A"].oriented, len(out.ties.point)) == (False, 0)
+    undone = replay(block, [*log, *(Recorded(n + 2, "", "ada", Withdraw(n)) for n in (4, 5))])
+    assert (undone.block.photos["A"].oriented, len(undone.block.ties.point)) == (False, 0)
 
 
 def test_decisions_about_what_is_not_proposed_are_reported_and_come_back__truth(
