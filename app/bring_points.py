@@ -56,7 +56,7 @@ def bring_points(
     Raises:
         PhotogrammetryError: The file is no table of text, or its CRS is unknown.
     """
-    block = known_block(session)
+    block = known_block(project, session)
     files, crs = project.reference.dem, project.block.crs
     ground = open_dem(files, crs).heights if files else None
     found = read_point_list(path, surroundings(crs, block, ground), reading)
@@ -67,13 +67,13 @@ def bring_points(
     return BroughtPoints(found, session.record(BringPoints(found.points, path.name)), replaced)
 
 
-def known_block(session: Session) -> Block | None:
+def known_block(project: Project, session: Session) -> Block | None:
     """The block as far as it was run, with all decisions; None where nothing places its photos."""
     control = cast("ControlFound | None", session.products.latest_value("control"))
     placed = cast("Georeferenced | None", session.products.latest_value("georeference"))
     if control is not None:
-        return session.replayed(control.report.block)
-    return None if placed is None else session.replayed(placed.block)
+        return session.replayed(control.report.block, given=project.cameras)
+    return None if placed is None else session.replayed(placed.block, given=project.cameras)
 
 
 def brought_points(session: Session) -> tuple[ListedPoint, ...]:

@@ -164,9 +164,9 @@ def _pictures_note(block: Block, form: ExchangeFormat, pictures: bool) -> tuple[
     )
 
 
-def _known(session: Session) -> ExchangeBlock | None:
+def _known(project: Project, session: Session) -> ExchangeBlock | None:
     """What the block knows of its photos, by which a list of orientations is judged."""
-    block = known_block(session)
+    block = known_block(project, session)
     if block is None:
         return None
     known = fit_to_format(block, None, FORMATS[PLAIN_EO])
@@ -198,7 +198,7 @@ class TakenOver:
 
 def import_into(project: Project, session: Session, name: str, path: Path) -> Brought:
     """Take over from a foreign file what this block can use; raises as `taken_over`."""
-    known = _known(session) if name == PLAIN_EO else None
+    known = _known(project, session) if name == PLAIN_EO else None
     taken = usable_part(project, name, path, known)
     taken.write()
     if taken.decisions:

@@ -92,7 +92,8 @@ def replay(
         found: Scans with their fiducials as they were found; see `with_changes`.
         given: The cameras as the block describes them; by default those of the block.
     """
-    block = with_placed(block, decisions)
+    given = block.cameras if given is None else given
+    block = with_placed(block, decisions, given)
     measurements, surveyed = dict(block.measurements), dict(block.surveyed)
     known_photos, unmatched = block.photos, list[Recorded]()
     verdicts = dict[str | int, bool]()
@@ -131,7 +132,7 @@ def replay(
         if not matched:
             unmatched.append(recorded)
     block = _without(block, {name for name, use in verdicts.items() if not use})
-    block = with_marks(block, decisions, found, block.cameras if given is None else given)
+    block = with_marks(block, decisions, found, given)
     block = replace(block, surveyed=surveyed, measurements=measurements)
     block = with_masks(block, standing_masks(decisions))
     return Replayed(stand_on_points(block, taken_out(decisions)), tuple(unmatched))

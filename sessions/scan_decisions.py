@@ -351,15 +351,25 @@ def with_clicks(given: BlockInput, decisions: Sequence[Recorded]) -> BlockInput:
     return replace(given, georeference=replace(given.georeference, clicked=clicked))
 
 
-def with_placed(block: Block, decisions: Sequence[Recorded]) -> Block:
-    """The block with every photo that was placed by clicks where those put it."""
+def with_placed(block: Block, decisions: Sequence[Recorded], given: Mapping[str, Camera]) -> Block:
+    """The block with every photo that was placed by clicks where those put it.
+
+    Args:
+        block: Any block.
+        decisions: Everything recorded.
+        given: The cameras as the block describes them, which a run begins from.
+    """
     for photo_id, pairs in clicked_pairs(decisions).items():
         if photo_id in block.photos:
-            block = place_photo_again(block, photo_id, pairs)
+            camera = block.camera_of(photo_id)
+            # Clicks hang on the principal point, which a run has estimated since.
+            first = given.get(block.photos[photo_id].camera, camera).principal_point_mm
+            camera = replace(camera, principal_point_mm=first)
+            block = place_photo_again(block, photo_id, pairs, camera)
     return block
 
 
-def place_photo_again(block: Block, photo_id: str, pairs: Pairs) -> Block:
+def place_photo_again(block: Block, photo_id: str, pairs: Pairs, camera: Camera) -> Block:
     """The block with one photo where its clicks put it.
 
     A photo that the run began from these very clicks, and found its place, is left as it is.
@@ -370,7 +380,7 @@ def place_photo_again(block: Block, photo_id: str, pairs: Pairs) -> Block:
     ground = Ground(block.crs, photo.ground_height_m)
     points = clicked_points(photo.scan, block.crs, pairs)
     try:
-        found = approximate_from_points(points, photo.interior, block.camera_of(photo_id), ground)
+        found = approximate_from_points(points, photo.interior, camera, ground)
     except PhotogrammetryError:
         # Only what can be placed is recorded; a film turned since may say otherwise.
         return block

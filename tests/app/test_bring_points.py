@@ -177,11 +177,11 @@ def test_a_whole_list_comes_in_by_one_decision_and_goes_by_one_undo__truth(block
     found, made = brought(block, tmp_path, b"id,X,Y,Z\n" + GOOD.encode())
     assert made == [BringPoints(found.found.points, "points.csv")]
     with Session.open(block, "anna") as session:
-        ours = known_block(session)
+        ours = known_block(read_project(block), session)
         assert ours is not None
         assert ours.surveyed["G1"].source == "surveyed"
         session.undo()
-        gone = known_block(session)
+        gone = known_block(read_project(block), session)
         assert gone is not None
         assert "G1" not in gone.surveyed
 
@@ -196,7 +196,7 @@ def test_answered_the_rest_comes_in__truth(block, tmp_path):
 
 def test_a_name_the_engine_has_given_is_refused__truth(block, tmp_path):
     with Session.open(block, "anna") as session:
-        ours = known_block(session)
+        ours = known_block(read_project(block), session)
         assert ours is not None
         taken = next(name for name, one in ours.surveyed.items() if one.source != "surveyed")
     found, made = brought(block, tmp_path, rows(f"{taken},{EAST},{NORTH},250"))

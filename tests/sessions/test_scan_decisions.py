@@ -145,6 +145,10 @@ def test_what_a_run_made_of_the_clicks_is_not_thrown_away__law(block: Block) -> 
     moved = replace(placed.exterior, centre=placed.exterior.centre + 12.0)
     ran = block.with_photos({**block.photos, "A": replace(placed, exterior=moved)})
     assert encode(replay(ran, placing).block) == encode(ran)
+    # Nor where it estimated the camera, whose principal point the photo hangs on.
+    camera = replace(CAMERA, principal_point_mm=(0.02, -0.03))
+    estimated = replace(ran, cameras={"wide": camera})
+    assert encode(replay(estimated, placing, given={"wide": CAMERA}).block) == encode(estimated)
     lost = block.with_photos({**ran.photos, "A": replace(placed, exterior=moved, oriented=False)})
     assert replay(lost, placing).block.photos["A"].oriented
 
