@@ -1,5 +1,6 @@
 """`gruber export` and `gruber import`: write a block for other programs, read their files."""
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,7 +14,7 @@ from app.bring_points import known_block
 from app.project import Project
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import HAND_SIGMA_PX, Block
-from core.errors import CrsError, ProjectError
+from core.errors import CrsError, ProjectError, StorageError
 from core.exchange import fit_to_format, upright_frame
 from core.formats.eo_format import read_eo_block, write_eo_block
 from core.formats.exchange import (
@@ -36,6 +37,7 @@ from core.raster.upright import write_upright
 from core.said import say
 from sessions.atomic_write import whole_file, whole_folder
 from sessions.decisions import BringPoints, Decision, Place
+from sessions.disk import explain_disk_errors
 from sessions.session import Session
 
 BROUGHT = "brought"
@@ -46,6 +48,8 @@ PLAIN_EO = "eo"
 """The format of lists that say how they count; others are asked about."""
 PICTURES = "photos"
 """Folder of an export with the scans laid upright."""
+STAMP = ".export"
+"""File of an exported folder that names all that was written into it."""
 BY_ENDING = {
     ".points": "qgis",
     ".geojson": "geojson",
@@ -110,12 +114,12 @@ def export_block(
         taken: Day, month or year of exposure by photo.
 
     Raises:
-        StorageError: The disk is full or may not be written.
+        StorageError: The disk is full or may not be written, or something else stands there.
         CrsError: The block's CRS has no way to a tangent frame.
     """
     form = format_named(name, reads=False)
     assert form.write is not None
-    target = out or session.results / EXPORTS / (form.default_name or name)
+    target = export_target(session, name, out)
     left = fit_to_format(block, report, replace(form, curved=True) if tangent else form)
     if taken:
         days = {k: replace(p, taken=taken.get(k, "")) for k, p in left.photos.items()}
@@ -127,10 +131,48 @@ def export_block(
             notes = form.write(temporary, left)
             if pictures and form.holds == "upright":
                 _write_pictures(block, temporary / PICTURES, progress)
+            (temporary / STAMP).write_bytes(os.fsencode("\n".join(_files_in(temporary))))
     else:
         with whole_file(target) as temporary:
             notes = form.write(temporary, left)
     return Exported(target, (*left.notes, *notes, *_pictures_note(block, form, pictures)))
+
+
+def export_target(session: Session, name: str, out: Path | None) -> Path:
+    """Where an export goes; a folder is replaced whole, so it may hold only what an export wrote.
+
+    Raises:
+        StorageError: Something else stands there.
+    """
+    form = format_named(name, reads=False)
+    if out is None:
+        target = session.results / EXPORTS / (form.default_name or name)
+    else:
+        target = out.resolve()
+    # What stands in the results without a stamp was exported by an earlier version.
+    if not form.folder or not target.exists() or (out is None and not (target / STAMP).exists()):
+        return target
+    another = "Name another folder, or move away what stands there."
+    if not target.is_dir():
+        raise StorageError(target, "is a file; this format is a folder of several.", another)
+    if Path.cwd().is_relative_to(target):
+        raise StorageError(target, "is the folder you are in; an export replaces it.", another)
+    with explain_disk_errors(target):
+        stamp = target / STAMP
+        known = os.fsdecode(stamp.read_bytes()).split("\n") if stamp.exists() else []
+        others = sorted({*_files_in(target)} - {*known, STAMP})
+    if others:
+        raise StorageError(target, "holds {name}, which no export wrote.", another, name=others[0])
+    return target
+
+
+def _files_in(folder: Path) -> list[str]:
+    """Everything in a folder and below but folders, by its path there."""
+    return [
+        path.relative_to(folder).as_posix()
+        for path in folder.rglob("*")
+        if path.is_symlink() or not path.is_dir()
+    ]
 
 
 def _write_pictures(block: Block, folder: Path, progress: Progress) -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.bring_points import POINT_TABLE, BroughtPoints, bring_points, reading_of, told_lines
-from app.exchange import export_block, import_into
+from app.exchange import export_block, export_target, import_into
 from app.project import read_project
 from app.run import Run
 from app.terminal import Voice
@@ -19,6 +19,7 @@ def export(given: argparse.Namespace, voice: Voice) -> None:
     """The block as it stands in the format of another program; adjusted first where need be."""
     project = read_project(given.block)
     with Session.open(project.folder, "gruber") as session:
+        export_target(session, given.format, given.out)  # Refused before the block is adjusted.
         walk = Run(project, session, voice, replace(run_options(given), last="adjustment"))
         walk.walk()
         progress = voice.stage("export", "The block for another program")

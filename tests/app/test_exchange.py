@@ -12,7 +12,7 @@ from app.cli import main
 from app.exchange import export_block, import_into, in_block_crs
 from app.project import read_project
 from core.adjustment.adjusted import AdjustmentReport
-from core.errors import CrsError, ProjectError
+from core.errors import CrsError, ProjectError, StorageError
 from core.exchange import upright_frame
 from core.formats.eo_list import read_eo_list
 from core.formats.exchange import (
@@ -189,6 +189,37 @@ def test_an_export_that_fails_leaves_nothing__law(
             session, report.block, report, "any", tmp_path / "out", pictures=False, progress=SILENT
         )
     assert not list(tmp_path.iterdir())
+
+
+def test_an_export_takes_the_place_of_nothing_but_an_export__law(
+    tiny: Tiny, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
+        (path / "ours.txt").write_text("ours")
+        return ()
+
+    def export(out: Path | None) -> Path:
+        with Session.open(home, "anna") as session:
+            return export_block(
+                session, tiny.block, None, "any", out, pictures=False, progress=SILENT
+            ).path
+
+    giving(monkeypatch, write)
+    home, out = tmp_path / "home", tmp_path / "project"
+    for target in (None, out):
+        mine = export(target) / "mine.txt"
+        export(target)
+        mine.write_text("mine")
+        with pytest.raises(StorageError, match=r"holds mine.txt, which no export wrote"):
+            export(target)
+        assert mine.read_text() == "mine"
+    for folder, cause in ((home, "holds"), (tmp_path, "holds"), (out / "mine.txt", "is a file")):
+        with pytest.raises(StorageError, match=cause):
+            export(folder)
+    monkeypatch.chdir(home)
+    with pytest.raises(StorageError, match="is the folder you are in"):
+        export(Path("."))
+    assert (out / "mine.txt").read_text() == "mine"
 
 
 def test_a_tangent_frame_says_where_it_lies__law(
