@@ -91,7 +91,7 @@ def fit_to_format(
         block.crs,
         cameras,
         photos,
-        {name: _point(point) for name, point in block.surveyed.items()},
+        {name: _point(one) for name, one in block.surveyed.items() if one.role != "new"},
         out.measurements(),
         out.ties(report),
         _notes(block, form),
@@ -206,7 +206,11 @@ class _Out:
 
     def measurements(self) -> tuple[ExchangeMeasurement, ...]:
         """Measurements that are used, or would be were their point no check point."""
-        return tuple(self.measured(one) for one in self.block.measurements.values() if one.used)
+        return tuple(
+            self.measured(one)
+            for one in self.block.measurements.values()
+            if one.used and self.block.surveyed[one.point_id].role != "new"
+        )
 
     def measured(self, one: Measurement) -> ExchangeMeasurement:
         """One measurement."""
@@ -264,6 +268,15 @@ def _notes(block: Block, form: ExchangeFormat) -> tuple[str, ...]:
     lost = [name for name, photo in block.photos.items() if not photo.oriented]
     if lost:
         notes.append(say("{names}: not oriented, went out without orientation.", names=lost))
+    new = [name for name, point in block.surveyed.items() if point.role == "new"]
+    if new:
+        notes.append(
+            say(
+                "{names}: no surveyed points, left out; points_from_photos.csv has their "
+                "coordinates.",
+                names=new,
+            )
+        )
     return tuple(notes)
 
 

@@ -257,18 +257,12 @@ def _measurements(block: Block, report: AdjustmentReport) -> Iterable[Feature]:
         point = block.surveyed.get(item.point_id)
         if point is None:
             continue
-        status, reason = _status(report, item)
+        status, reason = report.final_status(item)
         measured = (item.column, item.row, item.sigma_px, item.score)
         residual = report.residuals_px.get(key, (math.nan, math.nan))
         length, redundancy = _length(report, item), report.redundancy_numbers.get(key, math.nan)
         named = (*key, point.role, status, reason)
         yield shapely.Point(point.position), (*named, *measured, *residual, length, redundancy)
-
-
-def _status(report: AdjustmentReport, item: Measurement) -> tuple[Status, str]:
-    """State and reason of a measurement, after the adjustment left out its gross errors."""
-    left_out = report.rejected.get(item.key)
-    return (item.status, item.reason) if left_out is None else ("unused", left_out)
 
 
 def _length(report: AdjustmentReport, item: Measurement) -> float:
@@ -279,7 +273,7 @@ def _length(report: AdjustmentReport, item: Measurement) -> float:
 def _residual_vectors(block: Block, report: AdjustmentReport) -> Iterable[Feature]:
     for key, item in block.measurements.items():
         residual, point = report.residuals_px.get(key), block.surveyed.get(item.point_id)
-        status, _ = _status(report, item)
+        status, _ = report.final_status(item)
         if status not in SHOWN or residual is None or point is None:
             continue
         vector = _on_ground(report.block, item, residual, float(point.position[2]))

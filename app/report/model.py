@@ -21,7 +21,6 @@ from app.report.accuracy import (
 from app.report.checked import Checked, checked_by_hand, checked_part, decision_figures
 from app.report.mosaic import fault_figures, misfit_figures, mosaic_figures
 from app.report.protocol_figures import control_in_use, json_value, spread_figures
-from app.report.tables import final_status
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import Influence
 from core.block import Block, Measurement, Photo
@@ -287,7 +286,7 @@ def _reliability(content: ReportContent) -> dict[str, Any]:
 def _control_figures(report: AdjustmentReport) -> dict[str, Any]:
     """Measurements by status, and every one that was not used with its reason."""
     block = report.block
-    final = {key: final_status(report, m) for key, m in block.measurements.items()}
+    final = {key: report.final_status(m) for key, m in block.measurements.items()}
     control = [key for key in final if block.surveyed[key[0]].role == "control"]
     used = [key for key in control if final[key][0] in ("auto", "accepted")]
     return {
@@ -337,7 +336,7 @@ def _coverage(report: AdjustmentReport) -> list[dict[str, Any]]:
 
 def _steers(report: AdjustmentReport, measurement: Measurement) -> bool:
     role = report.block.surveyed[measurement.point_id].role
-    return role == "control" and measurement.used and measurement.key not in report.rejected
+    return role == "control" and report.final_status(measurement)[0] in ("auto", "accepted")
 
 
 def _cells(photo: Photo, camera: Camera, pixels: np.ndarray) -> list[list[int]]:

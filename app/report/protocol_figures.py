@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from app.report.accuracy import parameter_figures, rms_columns
-from app.report.tables import final_status
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport, ClassFigures
 from core.adjustment.influence import Influence, LeftOut, Reliability
 from core.adjustment.reliability import TestLimits
@@ -343,7 +342,7 @@ def _excluded(report: AdjustmentReport) -> dict[str, Any]:
     block, ties = report.block, report.block.ties
     control: list[dict[str, Any]] = []
     for key, item in sorted(block.measurements.items()):
-        status, reason = final_status(report, item)
+        status, reason = report.final_status(item)
         if block.surveyed[key[0]].role == "control" and status not in ("auto", "accepted"):
             control.append(
                 {

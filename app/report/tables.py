@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from core.adjustment.adjusted import AdjustmentReport
-from core.block import Block, Measurement
+from core.block import Block
 from core.formats.micmac_points import (
     image_measures_name,
     write_camera_measures,
@@ -67,12 +67,14 @@ def write_table(path: Path, columns: str, rows: Iterable[Sequence[Cell]]) -> Non
 
 
 def control_rows(report: AdjustmentReport) -> list[list[Cell]]:
-    """One row per measurement of a surveyed point, used or not."""
+    """One row per measurement of a surveyed point, used or not; `new` points have none."""
     rows: list[list[Cell]] = []
     for key, measurement in sorted(report.block.measurements.items()):
         point = report.block.surveyed[measurement.point_id]
+        if point.role == "new":
+            continue
         residual = report.residuals_px.get(key, (float("nan"), float("nan")))
-        status, reason = final_status(report, measurement)
+        status, reason = report.final_status(measurement)
         rows.append(
             [
                 measurement.point_id,
@@ -86,14 +88,6 @@ def control_rows(report: AdjustmentReport) -> list[list[Cell]]:
             ]
         )
     return rows
-
-
-def final_status(report: AdjustmentReport, measurement: Measurement) -> tuple[str, str]:
-    """Status and reason after the adjustment: what it left out itself is `unused`."""
-    reason = report.rejected.get(measurement.key)
-    if measurement.used and reason is not None:
-        return "unused", reason
-    return measurement.status, measurement.reason
 
 
 def check_rows(report: AdjustmentReport) -> list[list[Cell]]:

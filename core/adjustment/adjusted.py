@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float64
 
 from core.arrays import Position
-from core.block import Block
+from core.block import Block, Measurement, Status
 from core.doubts import Doubt
+from core.said import say
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,3 +230,13 @@ class AdjustmentReport:
     for each, less where they share what the block is off."""
     condition: float = float("nan")
     """By how much the photos' unknowns at most increase each other's variances; 1 is best."""
+
+    def final_status(self, measurement: Measurement) -> tuple[Status, str]:
+        """Status and reason of a measurement: what the adjustment left out itself is `unused`."""
+        reason = self.rejected.get(measurement.key, "")
+        photo = self.block.photos.get(measurement.photo_id)
+        if photo is None or not photo.oriented:
+            reason = say("The photo takes no part in the adjustment.")
+        if measurement.used and reason:
+            return "unused", reason
+        return measurement.status, measurement.reason

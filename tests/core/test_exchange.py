@@ -82,6 +82,18 @@ def test_standard_deviations_go_with_the_photos__law() -> None:
         assert out.photos[name].sigma_angles == tuple(sigmas.angles)
 
 
+def test_points_from_photos_are_no_surveyed_points__law() -> None:
+    block = REPORT.block
+    name = next(key[0] for key, item in block.measurements.items() if item.used)
+    fresh = replace(block.surveyed[name], role="new")
+    out = fit_to_format(
+        replace(block, surveyed={**block.surveyed, name: fresh}), REPORT, FORMS["film"]
+    )
+    assert set(out.points) == set(block.surveyed) - {name}
+    assert {one.point_id for one in out.measurements} <= set(out.points)
+    assert any(name in note for note in out.notes)
+
+
 def test_photos_that_flew_equally_high_share_their_camera__law() -> None:
     """Refraction of one block hardly differs; film is held with one certificate."""
     assert set(fit_to_format(REPORT.block, REPORT, FORMS["film"]).cameras) == {"wide"}

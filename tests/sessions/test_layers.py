@@ -136,6 +136,17 @@ def test_measurements_tell_what_the_adjustment_left_out__truth(written: Path) ->
     assert len(names) == 6
 
 
+def test_measurements_of_a_photo_that_takes_no_part_are_unused__law(
+    tmp_path: Path, block: Block, report_of: ReportOf
+) -> None:
+    aside = block.with_photos({**block.photos, "A": replace(block.photos["A"], oriented=False)})
+    file = Store.open(tmp_path / "session.gpkg")
+    write_layers(file, aside, report_of(aside), FOOTPRINTS)
+    file.close()
+    _, _, fields = read(tmp_path / "session.gpkg", "measurements")
+    assert {*fields["status"][fields["photo_id"] == "A"]} == {"unused"}
+
+
 def test_residual_vectors_begin_at_the_point_and_are_drawn_to_scale__truth(
     written: Path, block: Block
 ) -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.report.tables import write_results
+from app.report.tables import control_rows, write_results
 from core.adjustment.adjusted import NewPoint
 
 
@@ -57,6 +57,23 @@ def test_control_rows_say_what_became_of_each_measurement__law(tables, report):
         assert float(row["col"]) == pytest.approx(measurement.column, abs=1e-4)
         assert float(row["residual_row"]) == pytest.approx(report.residuals_px[key][1], abs=1e-4)
         assert row["reason"] == (report.rejected.get(key) or measurement.reason)
+
+
+def test_points_from_photos_are_no_control__law(report):
+    block = report.block
+    name = next(iter(block.measurements))[0]
+    surveyed = {**block.surveyed, name: replace(block.surveyed[name], role="new")}
+    rows = control_rows(replace(report, block=replace(block, surveyed=surveyed)))
+    assert {row[0] for row in rows} == {key[0] for key in block.measurements} - {name}
+
+
+def test_what_a_photo_shows_that_takes_no_part_is_unused__law(report):
+    block = report.block
+    point, name = next(key for key, m in block.measurements.items() if m.status == "auto")
+    aside = block.with_photos({**block.photos, name: replace(block.photos[name], oriented=False)})
+    rows = control_rows(replace(report, block=aside))
+    (row,) = [row for row in rows if row[:2] == [point, name]]
+    assert (row[8], row[-1]) == ("unused", "The photo takes no part in the adjustment.")
 
 
 def test_orientations_are_read_back_as_they_were__law(tables, report):
