@@ -185,7 +185,7 @@ def read_project(path: Path, *, brought: bool = False) -> Project:
 
     Args:
         path: The file, or the folder that holds it.
-        brought: Whether surveyed points come in now, which tell where it lies.
+        brought: Whether points or orientations come in now, which may tell where it lies.
 
     Raises:
         ProjectError: Something in it cannot be used; says in which line and what to do.

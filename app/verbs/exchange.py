@@ -40,7 +40,8 @@ def export(given: argparse.Namespace, voice: Voice) -> None:
 def bring(given: argparse.Namespace, voice: Voice) -> None:
     """What another program knows, or a table of points, into a block."""
     name, path = given.source
-    project = read_project(given.block, brought=name == POINT_TABLE)
+    # What comes in may be what tells where the block lies.
+    project = read_project(given.block, brought=True)
     with Session.open(project.folder, given.operator) as session:
         if name == POINT_TABLE:
             reading = reading_of(given.answer)

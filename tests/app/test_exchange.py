@@ -1,5 +1,6 @@
 """Blocks go out whole or not at all, and what comes in is undone at once."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -263,6 +264,17 @@ def test_a_table_of_points_comes_in_from_the_command_line__truth(
     assert [point.point_id for point in brought.points] == ["A"]
     assert main([*asked, "--answer", "colour=red"]) == 1
     assert "answers nothing" in capsys.readouterr().err
+
+
+def test_what_comes_in_may_tell_where_the_block_lies__truth(
+    block: BlockCopy, tmp_path: Path
+) -> None:
+    text = (block.folder / "block.toml").read_text()
+    block.replace("block.toml", re.sub(r"\[reference\]\n(.+\n)+", "", text))
+    listed = tmp_path / "gcp_list.txt"
+    listed.write_text(f"EPSG:5514\n-577500 -1192900 300 400 300 {block.scans[0].name} A\n")
+    assert main(["import", str(block.folder), "--from", "odm", str(listed)]) == 0
+    assert read_project(block.folder).reference.ortho == ()
 
 
 def test_a_format_that_is_none_is_wrong_use__law(capsys: pytest.CaptureFixture[str]) -> None:
