@@ -10,6 +10,7 @@ from pathlib import Path
 
 from app.settings import Settings
 from app.usage import OPTION, Parser
+from core.errors import ProjectError
 from core.said import say
 from ui.words.catalogue import LANGUAGES
 
@@ -250,6 +251,13 @@ def wrong_use(given: argparse.Namespace) -> str:
     if source and source[0] not in imported_formats():
         wrong = "--from {name} is no format; it is one of {names}"
         return say(wrong, name=source[0], names=imported_formats())
+    if answers := getattr(given, "answer", ()):
+        from app.bring_points import reading_of
+
+        try:
+            reading_of(answers)
+        except ProjectError as error:
+            return error.told
     if lesson := getattr(given, "lesson", ""):
         from app.teaching import find_lessons
 

@@ -59,8 +59,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     top = parser(asked_language(arguments), asked_verb(arguments, VERBS))
     given = top.parse_args(arguments)
-    if wrong := wrong_use(given):
-        top.error(top.tell.again(wrong))
     voice: Voice = (
         JsonLines() if given.log_json else Terminal(language=given.language or LANGUAGES[0])
     )
@@ -69,6 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     try:
         with named_files():
+            if wrong := wrong_use(given):
+                top.error(top.tell.again(wrong))
             act(given, voice)
     except PhotogrammetryError as error:
         voice.failed(error)

@@ -262,7 +262,8 @@ def test_a_table_of_points_comes_in_from_the_command_line__truth(
         (brought,) = [one.decision for one in session.decisions()]
     assert isinstance(brought, BringPoints)
     assert [point.point_id for point in brought.points] == ["A"]
-    assert main([*asked, "--answer", "colour=red"]) == 1
+    with pytest.raises(SystemExit, match="2"):
+        main([*asked, "--answer", "colour=red"])
     assert "answers nothing" in capsys.readouterr().err
 
 

@@ -73,8 +73,9 @@ def test_a_file_that_is_no_lesson_is_named_with_its_cause__law(
     assert why in told
 
 
-def test_a_missing_file_is_named__law(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["teach", "--own", "nowhere.py", "--list"]) == 1
+@pytest.mark.parametrize("asked", [["--list"], ["--lesson", "relief"]])
+def test_a_missing_file_is_named__law(asked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["teach", "--own", "nowhere.py", *asked]) == 1
     assert "nowhere.py" in capsys.readouterr().err
 
 
