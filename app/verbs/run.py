@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from app.batch import Batch, run_block
-from app.run import RunOptions
+from app.run import NOTHING_STANDS, PAGE, RunOptions
 from app.terminal import Voice
+from core.errors import OrientationError
 from ui.words.catalogue import Teller
 
 
@@ -24,9 +25,16 @@ def batch(given: argparse.Namespace, voice: Voice) -> None:
 
 
 def report(given: argparse.Namespace, voice: Voice) -> None:
-    """The accuracy report of the block as it stands; what is not fresh is computed first."""
+    """The accuracy report of the block as it stands; what is not fresh is computed first.
+
+    Raises:
+        OrientationError: No photo is oriented, so there is nothing to report.
+    """
     walk = run_block(given.block, voice, run_options(given))
-    voice.say(str(walk.session.results / "report.html"))
+    page = walk.session.results / PAGE
+    if not walk.stands:
+        raise OrientationError(page, "was not written.", NOTHING_STANDS)
+    voice.say(str(page))
     for line in signed_lines(walk.session.results / "report.json", voice.tell):
         voice.say(line)
 

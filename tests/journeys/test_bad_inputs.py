@@ -4,6 +4,7 @@ Each goes through the command line itself, on a copy of one synthetic block.
 """
 
 import json
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -402,3 +403,16 @@ def test_a_blank_scan_is_left_out_by_its_photo__truth(copy_of: CopyOf, capsys: C
     pixels_changed(copy, f"scans/{copy.scans[0].name}", lambda values: np.full_like(values, 128))
     told = gruber(capsys, "run", copy.folder)
     told.refuses(copy.scans[0], "The scan is blank", "Scan the photo again")
+
+
+def test_a_report_of_a_block_without_an_oriented_photo_is_refused__truth(
+    copy_of: CopyOf, capsys: Capsys
+) -> None:
+    copy = copy_of(1)
+    text = (copy.folder / "block.toml").read_text()
+    surveyed = '[control]\npoints = "points.csv"\n'
+    copy.replace("block.toml", re.sub(r"\[reference\]\n(.+\n)+", surveyed, text))
+    copy.replace("points.csv", "id,X,Y,Z\nA,-577500,-1192900,300\n")
+    told = gruber(capsys, "report", copy.folder)
+    told.refuses("report.html", "was not written", "Measure four surveyed points")
+    assert "report.html" not in told.out
