@@ -20,8 +20,8 @@ from core.formats.exchange import (
     ExchangePhoto,
     ExchangePoint,
     FrameCamera,
-    frame_camera,
     from_frame_camera,
+    upright_camera,
 )
 from core.formats.film_rays import numbered
 from core.formats.records import Record, read_records, scan_stem
@@ -221,10 +221,11 @@ def write_asp(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     ]
     skewed = 0
     for name, photo in block.photos.items():
-        if photo.exterior is None or photo.pixel_from_image is None:
+        camera = block.cameras.get(photo.camera)
+        frame = None if camera is None else upright_camera(photo, camera)
+        if photo.exterior is None or frame is None:
             notes.append(say("Photo {photo} has no orientation: left out.", photo=name))
             continue
-        frame = frame_camera(photo, block.camera_of(name))
         skewed += abs(frame.skew_px) > SKEW_PX
         text = _camera_text(frame, earth)
         (path / f"{name}.tsai").write_text(text, encoding="utf-8")

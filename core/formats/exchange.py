@@ -107,6 +107,11 @@ class ExchangePhoto:
         assert self.pixel_from_image is not None, "only then its pixels are known"
         return self.pixel_from_image
 
+    @property
+    def focal_px(self) -> float:
+        """Principal distance in rows, pixels, of a photo that has an interior."""
+        return float(np.hypot(*self.interior[1, :2]))
+
 
 @dataclass(frozen=True, slots=True)
 class ExchangePoint:
@@ -412,7 +417,7 @@ def frame_camera(photo: ExchangePhoto, camera: ExchangeCamera) -> FrameCamera:
     if np.linalg.det(matrix) <= 0:
         raise ValueError(f"{photo.photo_id} was scanned from its back")
     # matrix = upper @ turn, with the row's principal distance in the lower right.
-    focal = float(np.hypot(*matrix[1]))
+    focal = photo.focal_px
     sine, cosine = matrix[1] / focal
     turn = np.array([[cosine, -sine], [sine, cosine]])
     upper = matrix @ turn.T
@@ -434,6 +439,14 @@ def frame_camera(photo: ExchangePhoto, camera: ExchangeCamera) -> FrameCamera:
         rotation,
         None if exterior is None else exterior.centre,
     )
+
+
+def upright_camera(photo: ExchangePhoto, camera: ExchangeCamera) -> FrameCamera | None:
+    """As `frame_camera`; None for a photo without interior, or scanned from its back."""
+    try:
+        return frame_camera(photo, camera)
+    except ValueError:
+        return None
 
 
 def placed(

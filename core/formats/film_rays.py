@@ -19,7 +19,6 @@ from core.formats.exchange import (
     ExchangePhoto,
     ExchangePoint,
     ExchangeTies,
-    frame_camera,
     ideal_from_image,
     image_from_ideal,
     pixels_of,
@@ -65,7 +64,7 @@ def principal_distance_mm(block: ExchangeBlock, photo_id: str) -> float:
     camera = block.camera_of(photo_id)
     if camera.principal_distance_mm is not None:
         return camera.principal_distance_mm
-    return frame_camera(block.photos[photo_id], camera).focal_px * NOMINAL_PIXEL_MM
+    return block.photos[photo_id].focal_px * NOMINAL_PIXEL_MM
 
 
 def film_rays(block: ExchangeBlock) -> tuple[list[FilmRay], tuple[str, ...]]:

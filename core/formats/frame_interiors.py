@@ -18,9 +18,9 @@ from core.formats.exchange import (
     FrameCamera,
     FrameInterior,
     Triple,
-    frame_camera,
     from_frame_camera,
     placed,
+    upright_camera,
 )
 from core.said import say
 
@@ -51,9 +51,8 @@ def frame_photos(block: ExchangeBlock) -> FramePhotos:
     lost: list[str] = []
     for photo_id, photo in block.photos.items():
         lens = block.cameras.get(photo.camera, ExchangeCamera(photo.camera))
-        try:
-            frame = frame_camera(photo, lens)
-        except ValueError:
+        frame = upright_camera(photo, lens)
+        if frame is None:
             lost.append(photo_id)
             continue
         interior = _interior(lens, frame)
@@ -83,7 +82,9 @@ def without_orientation(names: Iterable[str]) -> tuple[str, ...]:
     """A word on photos that were left out, where there are any."""
     listed = list(names)
     told = say(
-        "Without interior or exterior orientation, and so left out: {photos}.", photos=listed
+        "Without interior or exterior orientation, or scanned from their back, and so left out: "
+        "{photos}.",
+        photos=listed,
     )
     return where_any(listed, told)
 

@@ -26,7 +26,7 @@ from core.formats.exchange import (
     ExchangePoint,
     FrameCamera,
     Triple,
-    frame_camera,
+    upright_camera,
 )
 from core.formats.frame_interiors import without_orientation
 from core.formats.micmac import SAME_PX, camera_of
@@ -233,10 +233,12 @@ def write_mmvii(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
     written: dict[str, FrameCamera] = {}
     notes: list[str] = []
     for photo in block.photos.values():
-        if photo.exterior is None or photo.pixel_from_image is None:
+        camera = block.cameras.get(photo.camera)
+        frame = None if camera is None else upright_camera(photo, camera)
+        if camera is None or frame is None or photo.exterior is None:
             missing.append(photo.photo_id)
             continue
-        notes += _write_photo(root / "Ori" / SET, photo, block.camera_of(photo.photo_id), written)
+        notes += _write_photo(root / "Ori" / SET, photo, camera, frame, written)
     for photo in block.photos.values():
         own = [one for one in block.measurements if one.photo_id == photo.photo_id]
         if own:
@@ -247,10 +249,13 @@ def write_mmvii(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
 
 
 def _write_photo(
-    folder: Path, photo: ExchangePhoto, camera: ExchangeCamera, written: dict[str, FrameCamera]
+    folder: Path,
+    photo: ExchangePhoto,
+    camera: ExchangeCamera,
+    frame: FrameCamera,
+    written: dict[str, FrameCamera],
 ) -> Iterator[Said]:
     """An orientation and, where no photo before had the same, a calibration."""
-    frame = frame_camera(photo, camera)
     plain = re.sub(r"[^\w.+-]", "_", camera.name)
     name = plain
     if plain in written and not _same_lens(written[plain], frame):

@@ -24,7 +24,6 @@ from core.formats.exchange import (
     ExchangeCamera,
     ExchangeFormat,
     ExchangePhoto,
-    frame_camera,
     ideal_from_image,
 )
 from core.formats.records import scan_stem, status_of
@@ -137,9 +136,7 @@ def write_footprints(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     fields = {
         NAME: np.array([photo.file or photo.photo_id for photo in photos], dtype=object),
         "off_nadir": np.array([off_nadir(photo) for photo in photos]),
-        "focal_px": np.array(
-            [frame_camera(photo, block.camera_of(photo.photo_id)).focal_px for photo in photos]
-        ),
+        "focal_px": np.array([photo.focal_px for photo in photos]),
     }
     try:
         pyogrio.raw.write(

@@ -21,8 +21,8 @@ from core.formats.exchange import (
     ExchangeCamera,
     ExchangeFormat,
     ExchangePhoto,
-    frame_camera,
     from_frame_camera,
+    upright_camera,
 )
 from core.formats.film_rays import principal_distance_mm
 from core.formats.outlines import ground_outline, off_nadir
@@ -186,8 +186,9 @@ def _orientation(block: ExchangeBlock, photo: ExchangePhoto) -> dict[str, Any]:
     if exterior is None:
         return {}
     if photo.pixel_from_image is not None and photo.camera in block.cameras:
-        _, _, upright = from_frame_camera(frame_camera(photo, block.camera_of(photo.photo_id)))
-        exterior = upright or exterior
+        frame = upright_camera(photo, block.camera_of(photo.photo_id))
+        if frame is not None:
+            exterior = from_frame_camera(frame)[2] or exterior
     angles = np.degrees(exterior.angles).tolist()
     code = block.crs.partition(":")[2]
     named = block.crs.upper().startswith("EPSG:") and code.isdecimal()
@@ -209,21 +210,21 @@ def _interior(block: ExchangeBlock, photo: ExchangePhoto) -> dict[str, Any]:
     camera = block.cameras.get(photo.camera)
     if camera is None or photo.pixel_from_image is None:
         return {}
-    frame = frame_camera(photo, camera)
     distance = principal_distance_mm(block, photo.photo_id)
-    pixel = distance / frame.focal_px
-    inside: dict[str, Any] = {
-        "camera_id": camera.name,
-        "focal_length": distance,
-        "pixel_spacing": [distance / (frame.focal_px + frame.affinity_px), pixel],
-    }
+    pixel = distance / photo.focal_px
+    inside: dict[str, Any] = {"camera_id": camera.name, "focal_length": distance}
+    frame = upright_camera(photo, camera)
+    if frame is not None:
+        across = distance / (frame.focal_px + frame.affinity_px)
+        inside["pixel_spacing"] = [across, pixel]
     fields: dict[str, Any] = {}
     if camera.size_px is not None:
         columns, rows = camera.size_px
-        column, row = frame.principal_point_px
         inside["sensor_array_dimensions"] = [columns, rows]
-        offset = [(column - columns / 2) * pixel, (rows / 2 - row) * pixel]
-        inside["principal_point_offset"] = offset
+        if frame is not None:
+            column, row = frame.principal_point_px
+            offset = [(column - columns / 2) * pixel, (rows / 2 - row) * pixel]
+            inside["principal_point_offset"] = offset
         fields["proj:shape"] = [rows, columns]
     return fields | {
         "pers:interior_orientation": inside,

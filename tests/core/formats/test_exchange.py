@@ -1,13 +1,18 @@
 """The exchanged block: image coordinates, and the camera as most programs hold it."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import cv2
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation as Turn
 
 from core.formats.exchange import (
     ExchangeCamera,
+    ExchangeFormat,
     ExchangePhoto,
     Pair,
     frame_camera,
@@ -15,8 +20,11 @@ from core.formats.exchange import (
     ideal_from_image,
     image_from_ideal,
     pixels_of,
+    read_format,
 )
+from core.formats.exchange_formats import FORMATS
 from core.geometry.exterior import ExteriorOrientation
+from tests.exchanged import MIDDLE, block_of
 
 SMALL = st.floats(-1e-2, 1e-2)
 ANGLE = st.floats(-0.3, 0.3)
@@ -71,6 +79,32 @@ def test_a_frame_camera_comes_back_as_the_same_photo__law(numbers: Numbers) -> N
     again = ExchangePhoto("a", "a.tif", "c", matrix, exterior)
     lens = ExchangeCamera("c", camera.radial, tangential)
     assert np.allclose(pixels_of(GROUND, again, lens), pixels_of(GROUND, photo, camera), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "form", [one for one in FORMATS.values() if one.write and one.holds in ("film", "frame")]
+)
+def test_a_scan_from_the_films_back_goes_out_or_is_told__law(
+    form: ExchangeFormat, tmp_path: Path
+) -> None:
+    block = block_of((7, 3, 1, False), form.holds)
+    name, photo = next(iter(block.photos.items()))
+    back = replace(photo, pixel_from_image=photo.interior * np.array([-1.0, 1.0, 1.0]))
+    path = tmp_path / (form.default_name or form.name)
+    if form.folder:
+        path.mkdir()
+    assert form.write is not None
+    out = replace(block, photos={**block.photos, name: back})
+    notes = form.write(path, out)
+    if form.name in ("metashape", "mmvii"):
+        assert any(name in note for note in notes)
+    if form.name == "stac":
+        again = read_format(form, path)
+        ours, theirs = (
+            pixels_of(GROUND + MIDDLE, one.photos[name], one.camera_of(name))
+            for one in (out, again)
+        )
+        assert np.allclose(ours, theirs, atol=1e-6)
 
 
 @given(NUMBERS)
