@@ -17,7 +17,7 @@ from core.errors import PhotogrammetryError, ProjectError, ScanError
 from core.formats.qgis_points import (
     QgisPoints,
     find_qgis_points,
-    read_qgis_points,
+    read_scan_points,
     write_qgis_points,
 )
 from core.geometry.camera import Camera
@@ -210,10 +210,11 @@ class Clicking:
             ScanError: A single pair, pairs at one place, or a file that cannot be read: it may hold
                 what somebody clicked elsewhere, so it is not written over.
         """
-        scan, fit = self._scan(photo_id).scan.path, self.checked(photo_id, pairs)
+        oriented, fit = self._scan(photo_id), self.checked(photo_id, pairs)
         with self._lock:
+            scan = oriented.scan.path
             path = find_qgis_points(scan) or scan.with_name(scan.name + ".points")
-            off = self._switched_off(path)
+            off = self._switched_off(path, oriented)
             if not pairs and not len(off.plane):
                 path.unlink(missing_ok=True)
                 return {**fit, "saved": ""}
@@ -226,7 +227,7 @@ class Clicking:
                 write_qgis_points(temporary, points)
         return {**fit, "saved": path.name}
 
-    def _switched_off(self, path: Path) -> QgisPoints:
+    def _switched_off(self, path: Path, scan: ScanOrientation) -> QgisPoints:
         """Points of the file that somebody switched off in QGIS: they stay, switched off.
 
         Raises:
@@ -236,7 +237,8 @@ class Clicking:
         if not path.exists() or not path.read_bytes().strip():
             return QgisPoints(path, "", none, none, np.zeros(0, dtype=np.bool_))
         try:
-            points = in_crs(read_qgis_points(path), self._found.given.crs)
+            read = read_scan_points(path, scan.scan.path, scan.size_px)
+            points = in_crs(read, self._found.given.crs)
         except PhotogrammetryError as error:
             raise ScanError(
                 path,
@@ -276,7 +278,7 @@ class Clicking:
         if path is None:
             return [], ""
         try:
-            read = read_qgis_points(path)
+            read = read_scan_points(path, scan.scan.path, scan.size_px)
             points = in_crs(read, self._found.given.crs)
         except PhotogrammetryError as error:
             return [], error.told

@@ -3,7 +3,7 @@
 `#CRS: ...` may come first; then a header with `mapX,mapY` and `sourceX,sourceY` (or the older
 `pixelX,pixelY`), comma or tab between the columns. Source coordinates count from the outer corner
 of the first pixel with y upwards, so rows are negative there; a file with positive y is taken to
-count downwards.
+count downwards. Of a scan that has a georeference itself, they are map units.
 """
 
 import csv
@@ -16,6 +16,7 @@ from jaxtyping import Float64
 from core.arrays import Flags, PixelPoints, locked
 from core.errors import ScanError
 from core.formats.records import plain_bytes
+from core.formats.world_file import read_georeference
 
 HEADER = ("mapX", "mapY", "sourceX", "sourceY", "enable", "dX", "dY", "residual")
 COLUMNS = {
@@ -63,6 +64,34 @@ def read_qgis_points(path: Path) -> QgisPoints:
     Raises:
         ScanError: Missing, without the four coordinate columns, or with words for numbers.
     """
+    crs, values = _read(path)
+    return _points(path, crs, values)
+
+
+def read_scan_points(path: Path, scan: Path, size_px: tuple[int, int]) -> QgisPoints:
+    """Read the .points file of a scan; what lies outside it as pixels may lie on it as map units.
+
+    Raises:
+        ScanError: As for `read_qgis_points`, or a world file that cannot be read.
+    """
+    crs, values = _read(path)
+    source = values[:, 2:4]
+    world = None if _is_within(source, size_px) else read_georeference(scan)
+    if world is not None:
+        matrix = world.object_from_pixel
+        pixels = np.linalg.solve(matrix[:, :2], (source - matrix[:, 2]).T).T
+        if _is_within(pixels, size_px):
+            return QgisPoints(path, crs, values[:, :2], pixels, values[:, 4] != 0)
+    return _points(path, crs, values)
+
+
+def _is_within(places: PixelPoints, size_px: tuple[int, int]) -> bool:
+    """Whether most of these can be pixels of a scan, counted downwards or upwards."""
+    return not len(places) or bool(np.all(np.abs(np.median(places, axis=0)) <= size_px))
+
+
+def _read(path: Path) -> tuple[str, np.ndarray]:
+    """CRS as written, and (n, 5) east, north, column, row as written, enable."""
     try:
         lines = plain_bytes(path).decode("utf-8-sig", errors="replace").splitlines()
     except OSError as error:
@@ -78,16 +107,19 @@ def read_qgis_points(path: Path) -> QgisPoints:
         raise ScanError(path, "It holds no points.", "Save the points again in QGIS.")
     rows = list(csv.reader(body, delimiter="\t" if "\t" in body[0] else ","))
     places, rows = _column_places(path, rows)
-    values = _numbers(path, rows, places)
-    enabled = values[:, 4] != 0
+    return crs or _crs_of_rows(rows), _numbers(path, rows, places)
+
+
+def _points(path: Path, crs: str, values: np.ndarray) -> QgisPoints:
+    """Points whose sources are pixels."""
     downwards = len(values) > 0 and np.median(values[:, 3]) > 0
     row_down = values[:, 3] if downwards else -values[:, 3]
     return QgisPoints(
         path,
-        crs or _crs_of_rows(rows),
+        crs,
         values[:, :2],
         np.column_stack([values[:, 2], row_down]),
-        enabled,
+        values[:, 4] != 0,
     )
 
 

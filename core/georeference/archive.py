@@ -11,7 +11,7 @@ import shapely
 from core.doubts import Doubt, Failure
 from core.formats.eo_list import EoRecord, read_eo_list
 from core.formats.outlines import Footprint, Footprints, read_footprints
-from core.formats.qgis_points import QgisPoints, find_qgis_points, read_qgis_points
+from core.formats.qgis_points import QgisPoints, find_qgis_points, read_scan_points
 from core.formats.world_file import read_georeference
 from core.geometry.camera import Camera
 from core.geometry.collinearity import CORRECTIONS
@@ -222,10 +222,15 @@ def _from_points(
 ) -> Approximation | None:
     """What was clicked at the desk, else the .points file beside the scan."""
     pairs = archive.georeference.clicked.get(oriented.photo_id)
-    path = oriented.scan.path if pairs else find_qgis_points(oriented.scan.path)
+    scan = oriented.scan.path
+    path = scan if pairs else find_qgis_points(scan)
     if path is None:
         return None
-    points = clicked_points(path, archive.crs, pairs) if pairs else read_qgis_points(path)
+    points = (
+        clicked_points(path, archive.crs, pairs)
+        if pairs
+        else read_scan_points(path, scan, oriented.size_px)
+    )
     if not points.enabled.any():
         # All switched off: as good as no file.
         return None

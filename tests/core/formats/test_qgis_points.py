@@ -12,8 +12,10 @@ from core.formats.qgis_points import (
     QgisPoints,
     find_qgis_points,
     read_qgis_points,
+    read_scan_points,
     write_qgis_points,
 )
+from core.formats.world_file import write_world_file
 
 NOW = "mapX,mapY,sourceX,sourceY,enable,dX,dY,residual\n"
 PLANE = [[-743011.77, -1043823.16], [-742000.0, -1044000.0]]
@@ -45,6 +47,23 @@ def test_every_variant_reads_alike__truth(tmp_path: Path, variant: str) -> None:
     assert points.crs == (
         "EPSG:5514" if variant in ("now", "bom", "upright", "crs-in-rows") else ""
     )
+
+
+@pytest.mark.parametrize("up", [-1, 1])
+def test_sources_in_map_units_are_brought_into_the_scan__law(tmp_path: Path, up: int) -> None:
+    """QGIS counts so in a scan that has a georeference, whatever the sign of its map's north."""
+    matrix = np.array([[0.5, 0.1, -743250.0], [0.1, -0.5, up * 1043600.0]])
+    write_world_file(tmp_path / "scan.tfw", matrix)
+    source = np.array(PIXELS) @ matrix[:, :2].T + matrix[:, 2]
+    rows = [[*plane, *place, 1, 0, 0, 0] for plane, place in zip(PLANE, source, strict=True)]
+    path = tmp_path / "scan.tif.points"
+    path.write_text(NOW + "".join(",".join(map(str, row)) + "\n" for row in rows))
+    points = read_scan_points(path, tmp_path / "scan.tif", (1000, 1500))
+    np.testing.assert_allclose(points.pixels, PIXELS, atol=1e-5)
+    np.testing.assert_allclose(points.plane, PLANE)
+    path.write_text(NOW + ROWS)
+    plain = read_scan_points(path, tmp_path / "scan.tif", (1000, 1500))
+    np.testing.assert_allclose(plain.pixels, PIXELS)
 
 
 @settings(max_examples=40)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from core.errors import OrientationError, ReferenceDataError
+from core.formats.world_file import read_world_file, write_world_file
 from core.georeference.stage import check_coverage
 from core.raster.dem import open_dem
 from core.raster.ortho import open_ortho
@@ -48,6 +49,25 @@ def test_another_source_stands_in_with_a_doubt__truth(given, scan_set, tmp_path)
         said
         == ["There is no world file for this scan; it was placed by its footprint instead."] * 6
     )
+
+
+def test_points_in_map_units_place_a_scan_with_a_world_file__truth(
+    given, scan_set, placed, tmp_path
+):
+    """QGIS counts so where a scan has one; here every point lies where the world file has it."""
+    scans = bare(scan_set, tmp_path)
+    for scan in scans.oriented.values():
+        path = scan.scan.path
+        world = read_world_file(path.resolve().with_suffix(".tfw"))
+        write_world_file(path.with_suffix(".tfw"), world.object_from_pixel)
+        pixels = np.array([[10, 20, 1], [900, 30, 1], [800, 850, 1]])
+        rows = [",".join(map(str, [*at, *at, 1])) for at in pixels @ world.object_from_pixel.T]
+        text = "\n".join(["mapX,mapY,sourceX,sourceY,enable", *rows])
+        path.with_name(path.name + ".points").write_text(text)
+    found = georeference(given, scans)
+    for name, photo in placed.block.photos.items():
+        away = found.block.photos[name].exterior.centre - photo.exterior.centre
+        assert np.abs(away).max() < 10
 
 
 def test_who_asks_for_no_source_misses_none__truth(given, scan_set):
