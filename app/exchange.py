@@ -27,7 +27,7 @@ from core.formats.exchange import (
 from core.formats.exchange_formats import FORMATS
 from core.formats.listed_point import USUAL_SIGMA_M, ListedPoint
 from core.formats.micmac_points import image_measures_name, write_image_measures
-from core.formats.records import scan_stem
+from core.formats.records import one_word, scan_stem
 from core.formats.tangent_frame import in_tangent_frame
 from core.formats.tie_list import write_ties
 from core.geometry.crs import operation_between, read_crs
@@ -351,6 +351,8 @@ def in_block_crs(foreign: ExchangeBlock, crs: str, path: Path) -> ExchangeBlock:
 
 def _known_photos(foreign: ExchangeBlock, names: Mapping[str, str]) -> dict[str, str]:
     """Photos of the block by the foreign name."""
+    # Some formats have no blanks in names.
+    names = {one_word(name): ours for name, ours in names.items()} | dict(names)
     found: dict[str, str] = {}
     for theirs, photo in foreign.photos.items():
         for candidate in (theirs, scan_stem(theirs), scan_stem(photo.file)):

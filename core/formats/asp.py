@@ -25,6 +25,7 @@ from core.formats.exchange import (
 )
 from core.formats.film_rays import numbered
 from core.formats.records import Record, read_records, scan_stem
+from core.formats.words import in_words
 from core.frames import HALF_PIXEL
 from core.geometry.map_in_space import EARTH_M, MapInSpace, map_crs, map_in_space, zone_of
 from core.said import say
@@ -215,9 +216,11 @@ def write_asp(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         CrsError: The block does not say its CRS: there is no Earth below it.
     """
     path.mkdir(parents=True, exist_ok=True)
+    block, renamed = in_words(block)
     earth = map_in_space(map_crs(block.crs, path))
     notes: list[str] = [
-        say("Heights are written as they stand, as if above the ellipsoid of WGS 84.")
+        *renamed,
+        say("Heights are written as they stand, as if above the ellipsoid of WGS 84."),
     ]
     skewed = 0
     for name, photo in block.photos.items():

@@ -33,6 +33,7 @@ from core.formats.film_rays import (
 )
 from core.formats.records import Record, one_word, read_records, write_lines
 from core.formats.rotations import FULL_TURN, RADIANS, angles_of, rotation_of
+from core.formats.words import in_words
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 
 IMAGE, GEO, CAMERAS = "image.dat", "geoin.dat", "cameras.txt"
@@ -50,6 +51,7 @@ def write_bingo(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         What was left out.
     """
     path.mkdir(parents=True, exist_ok=True)
+    block, renamed = in_words(block)
     rays, notes = film_rays(block)
     write_lines(path / IMAGE, _image_lines(block, rays))
     write_lines(path / GEO, _geo_lines(block))
@@ -61,17 +63,17 @@ def write_bingo(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     ]
     write_lines(path / CAMERAS, cameras)
     photos = block.photos.values()
-    return (*notes, *not_oriented(photos), *without_sigmas(photos), untested())
+    return (*renamed, *notes, *not_oriented(photos), *without_sigmas(photos), untested())
 
 
 def _image_lines(block: ExchangeBlock, rays: Sequence[FilmRay]) -> Iterator[str]:
     for name, photo in block.photos.items():
         seen = [ray for ray in rays if ray.photo_id == name]
         if seen:
-            yield f"{one_word(name)} {one_word(photo.camera)}"
+            yield f"{name} {one_word(photo.camera)}"
             for ray in seen:
                 sigma = "" if ray.sigma_mm is None else f" {ray.sigma_mm!r}"
-                yield f"{one_word(ray.point_id)} {ray.x_mm!r} {ray.y_mm!r}{sigma}"
+                yield f"{ray.point_id} {ray.x_mm!r} {ray.y_mm!r}{sigma}"
             yield END
 
 
@@ -80,12 +82,10 @@ def _geo_lines(block: ExchangeBlock) -> Iterator[str]:
         if photo.exterior is not None:
             turned = angles_of("phi-omega-kappa", photo.exterior.object_from_image)
             numbers = [*photo.exterior.centre.tolist(), *(a / RADIANS["gon"] for a in turned)]
-            yield " ".join([ORIENTATION, one_word(name), *map(repr, numbers)])
+            yield " ".join([ORIENTATION, name, *map(repr, numbers)])
     for name, point in block.points.items():
         word = CONTROL if point.role == "control" else CHECK
-        yield " ".join(
-            [word, one_word(name), *map(repr, (*point.position, *(point.sigma_m or ())))]
-        )
+        yield " ".join([word, name, *map(repr, (*point.position, *(point.sigma_m or ())))])
 
 
 def read_bingo(path: Path) -> ExchangeBlock:

@@ -37,6 +37,7 @@ from core.formats.frame_interiors import (
     without_orientation,
 )
 from core.formats.records import read_text, write_json
+from core.formats.words import in_words
 from core.formats.xml_files import AGAIN, digits
 from core.said import say
 
@@ -58,6 +59,7 @@ def write_bundler(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
     Raises:
         ExchangeError: No photo is oriented.
     """
+    block, renamed = in_words(block)
     photos = frame_photos(block)
     oriented, origin = frames_with_origin(photos, folder)
     lines: list[str] = []
@@ -85,7 +87,7 @@ def write_bundler(folder: Path, block: ExchangeBlock) -> tuple[str, ...]:
         },
     }
     write_json(folder / SIDECAR, told)
-    notes = without_orientation(name for name in block.photos if name not in oriented)
+    notes = renamed + without_orientation(name for name in block.photos if name not in oriented)
     bent = [name for name, one in photos.interiors.items() if _is_beyond(one)]
     return notes + where_any(
         bent,

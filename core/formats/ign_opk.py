@@ -34,6 +34,7 @@ from core.formats.records import (
     write_lines,
 )
 from core.formats.rotations import RADIANS, AngleUnit
+from core.formats.words import in_words
 from core.geometry.exterior import ExteriorOrientation
 from core.said import say
 
@@ -296,6 +297,7 @@ def write_opk(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         What was left out.
     """
     path.mkdir(parents=True, exist_ok=True)
+    block, renamed = in_words(block)
     oriented = {n: p for n, p in block.photos.items() if p.exterior is not None}
     head = ["CHANTIER : gruber", f"PROJECTION : {block.crs}" if block.crs else ""]
     lines = [
@@ -308,29 +310,26 @@ def write_opk(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         turned = photo.exterior
         angles = np.degrees(turned.angles)
         numbers = [repr(float(value)) for value in (*turned.centre, *angles)]
-        lines.append("\t".join([one_word(name), *numbers, one_word(photo.camera or "-")]))
+        lines.append("\t".join([name, *numbers, one_word(photo.camera or "-")]))
     write_lines(path / "block.OPK", lines)
     notes = _write_cameras(path, block)
     write_lines(
         path / "control.APP",
         [
-            f'"{one_word(point.point_id)}" {CONTROL if point.role == "control" else CHECK} '
+            f'"{point.point_id}" {CONTROL if point.role == "control" else CHECK} '
             + " ".join(repr(value) for value in point.position)
             for point in block.points.values()
         ],
     )
     write_lines(
         path / "control.MES",
-        [
-            f'"{one_word(m.point_id)}" {one_word(m.photo_id)} {m.column!r} {m.row!r}'
-            for m in block.measurements
-        ],
+        [f'"{m.point_id}" {m.photo_id} {m.column!r} {m.row!r}' for m in block.measurements],
     )
     names, ties = tie_names(block), block.ties
     write_lines(
         path / "ties.MES",
         [
-            f"{one_word(names[point])} {one_word(ties.photo_ids[photo])} {pixel[0]!r} {pixel[1]!r}"
+            f"{names[point]} {ties.photo_ids[photo]} {pixel[0]!r} {pixel[1]!r}"
             for point, photo, pixel in zip(
                 ties.point, ties.photo, ties.pixels.tolist(), strict=True
             )
@@ -341,7 +340,7 @@ def write_opk(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         photo.sigma_centre_m for photo in block.photos.values()
     ):
         notes.append(say("The format holds no standard deviations."))
-    return tuple(notes)
+    return (*renamed, *notes)
 
 
 def _write_cameras(path: Path, block: ExchangeBlock) -> list[str]:

@@ -40,6 +40,7 @@ from core.formats.frame_interiors import (
 )
 from core.formats.records import read_json, read_records, read_text, write_json
 from core.formats.rotations import triple_of
+from core.formats.words import in_words
 from core.formats.xml_files import AGAIN, digits
 from core.frames import HALF_PIXEL
 from core.geometry.map_in_space import (
@@ -393,6 +394,7 @@ def write_odm(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         CrsError: The CRS is no map in metres.
         ExchangeError: Nothing is measured.
     """
+    block, renamed = in_words(block)
     plane = map_crs(block.crs, path)
     authority = plane.to_authority()
     lines = [":".join(authority) if authority else plane.to_proj4()]
@@ -412,7 +414,9 @@ def write_odm(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     seen = {one.point_id for one in block.measurements}
     without = [name for name in block.points if name not in seen]
-    notes = where_any(without, say("Measured nowhere, and so left out: {names}.", names=without))
+    notes = renamed + where_any(
+        without, say("Measured nowhere, and so left out: {names}.", names=without)
+    )
     checks = [name for name, point in block.points.items() if point.role == "check"]
     return notes + where_any(
         checks,

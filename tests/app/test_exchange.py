@@ -120,6 +120,18 @@ def test_a_file_of_another_block_changes_nothing__law(
     assert (block.folder / "block.toml").read_text() == before
 
 
+def test_scans_with_blanks_are_known_by_their_words__truth(
+    block: BlockCopy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As formats in which blanks part the columns call them."""
+    scan = block.scans[0].rename(block.scans[0].with_name("LMS 1938.tif"))
+    photo = ExchangePhoto("LMS_1938", "LMS_1938.tif", exterior=EXTERIOR)
+    taking(monkeypatch, foreign_of(block, photos={photo.photo_id: photo}, measurements=()))
+    with Session.open(block.folder, "anna") as session:
+        import_into(read_project(block.folder), session, "any", Path("list.xml"))
+    assert list(read_eo_list(read_project(block.folder).scans.exterior)) == [scan.stem]
+
+
 def test_another_projection_turns_the_photos__oracle(block: BlockCopy) -> None:
     """Grid norths of S-JTSK and UTM differ there by what pyproj says of their convergences."""
     from pyproj import Proj
