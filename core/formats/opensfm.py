@@ -239,6 +239,15 @@ def _read(file: Path, whole: Any) -> ExchangeBlock:
     notes = () if len(whole) == 1 else ("Of several reconstructions the first was taken.",)
     if space is None:
         notes += ("It names no place on the Earth: coordinates are those of its own model.",)
+    placeless = sorted({one.point_id for one in measurements} - set(points))
+    notes += where_any(
+        placeless,
+        say(
+            "{names}: without a place or its height, so their measurements count only where the "
+            "block knows these points.",
+            names=placeless,
+        ),
+    )
     ties = _read_tracks(file.parent / TRACKS, block, interiors, space, first.get("points", {}))
     return ExchangeBlock(crs, cameras, block.photos, points, measurements, ties, notes)
 
@@ -300,9 +309,9 @@ def _read_points(
     files = {photo.file: name for name, photo in block.photos.items()}
     for one in read_json(path)["points"]:
         name, place = str(one["id"]), one.get("position") or {}
-        if {"longitude", "latitude", "altitude"} <= place.keys():
-            keys = ("longitude", "latitude", "altitude")
-            degrees = _finite([place[key] for key in keys], 3)
+        known = [place.get(key) for key in ("longitude", "latitude", "altitude")]
+        if None not in known:
+            degrees = _finite(known, 3)
             points[name] = ExchangePoint(name, triple_of(space.from_degrees(degrees[None])[0]))
         for seen in one.get("observations", ()):
             if seen["shot_id"] not in files:

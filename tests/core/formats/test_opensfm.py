@@ -137,6 +137,15 @@ def change(file: str, spoil: Callable[[Any], object]) -> Callable[[Path], object
     return spoiled
 
 
+def test_points_without_height_are_told__law(tmp_path: Path) -> None:
+    write_opensfm(tmp_path, block_of((7, 3, 1, False), "upright"))
+    change(G, lambda all_: all_["points"][0]["position"].pop("altitude"))(tmp_path)
+    again = read_opensfm(tmp_path)
+    assert "P0" not in again.points
+    assert any("P0: without a place" in note for note in again.notes)
+    assert "P0" in {one.point_id for one in again.measurements}
+
+
 R, G = "reconstruction.json", "ground_control_points.json"
 SHOT = "1938_000.tif"
 SPOILED: dict[str, Callable[[Path], object]] = {
