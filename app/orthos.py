@@ -7,6 +7,7 @@ from core.orthos.rectification import OrthoProduct, rectify_photo
 from core.progress import Part, Progress
 from core.raster.dem import Dem
 from sessions.atomic_write import whole_file
+from sessions.checks import keep_version
 from sessions.session import Session
 
 FOLDER = "ortho"
@@ -56,6 +57,7 @@ def make_orthos(
         if kept is None or not target.is_file():
             part = Part(progress, made_now / wanted, min((made_now + 1) / wanted, 1.0))
             part.report(0, 1, photo.photo_id)
+            keep_version(session.products)
             with whole_file(target) as temporary:
                 shown = usable(photo.photo_id)
                 made = rectify_photo(

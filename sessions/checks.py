@@ -26,6 +26,8 @@ from sessions.remarks import is_of_a_fault
 
 DIGEST_SIGNS = 16
 """So much of a digest tells plans apart."""
+VERSION = "mosaic-version"
+"""Product that keeps the version of the mosaic with the same digest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +178,19 @@ def version_on_disk(products: Products) -> str:
 
     It is the same as long as its photos, its seams and its pixels lie where they did.
     """
+    kept: str | None = products.load_value(VERSION, products.latest_digest("mosaic"))
+    return _version_of_orthos(products) if kept is None else kept
+
+
+def keep_version(products: Products) -> None:
+    """Keep the version of the mosaic on disk, before any of its orthos is made again."""
+    digest = products.latest_digest("mosaic")
+    if digest and products.load_value(VERSION, digest) is None:
+        products.save_value(VERSION, digest, _version_of_orthos(products))
+
+
+def _version_of_orthos(products: Products) -> str:
+    """The version of a mosaic whose orthos are still those on disk."""
     product = cast("MosaicProduct | None", products.latest_value("mosaic"))
     if product is None:
         return ""

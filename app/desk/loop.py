@@ -459,15 +459,13 @@ class ReviewLoop:
 
     def _take_remake(self, ended: RemakeEnded) -> None:
         state = replace(self._now.state, remaking=None)
-        if ended.failure:
-            notice = Notice("notice.remake-failed", {"why": ended.failure}, grave=True)
-        elif ended.cancelled:
-            notice = Notice("notice.remake-cancelled")
+        if ended.failure or ended.cancelled:
+            # What was made until then is on disk.
+            state = self._inputs.on_disk(state)
         else:
             state = with_made(self._inputs.files(state), ended.photo_ids, ended.made_with)
-            notice = Notice("notice.remade" if ended.photo_ids else "notice.written")
         self._show_made(state)
-        self._screen.tell("", notice)
+        self._screen.tell("", ended.notice)
 
     def _show_made(self, state: DeskState) -> None:
         """Show what is on disk now."""

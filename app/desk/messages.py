@@ -164,6 +164,15 @@ class RemakeEnded:
     cancelled: bool = False
     """True when the operator stopped it."""
 
+    @property
+    def notice(self) -> Notice:
+        """What to tell the operators."""
+        if self.failure:
+            return Notice("notice.remake-failed", {"why": self.failure}, grave=True)
+        if self.cancelled:
+            return Notice("notice.remake-cancelled")
+        return Notice("notice.remade" if self.photo_ids else "notice.written")
+
 
 @dataclass(frozen=True, slots=True)
 class FillStep:

@@ -5,13 +5,19 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
+from shapely.geometry import box
 
 import app.orthos
 from app.orthos import default_gsd_m, make_orthos
+from core.errors import Cancelled
+from core.mosaic.composition import MosaicProduct
+from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
 from core.progress import SILENT
 from core.raster.dem import level_ground
 from core.raster.grid import Grid
+from sessions.checks import version_on_disk
 from sessions.session import Session
 from tests.flights import FlightPlan, fly
 
@@ -22,21 +28,28 @@ def test_orthos_are_as_fine_as_the_scans__truth():
     assert default_gsd_m(flight.block) == 0.25
 
 
-def test_an_ortho_goes_with_its_photo_and_nothing_else_does__law(tmp_path, monkeypatch):
-    block = fly(FlightPlan(ties=40), np.random.default_rng(0)).block
-    made: list[str] = []
+BLOCK = fly(FlightPlan(ties=40), np.random.default_rng(0)).block
+GROUND = level_ground(0.0, BLOCK.crs)
+PROJECT: Any = SimpleNamespace(ortho=SimpleNamespace(gsd_m=1.0), reference=SimpleNamespace(dem=()))
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """The photos of which an ortho was made, of one pixel and no scan."""
+    names: list[str] = []
 
     def rectified(photo, camera, heights, gsd, path, crs, **how):
-        made.append(photo.photo_id)
+        names.append(photo.photo_id)
         path.write_bytes(b"pixels")
         return OrthoProduct(photo.photo_id, path, Grid(0, 1, gsd, 1, 1), 1.0, (0.0, 0.0))
 
     monkeypatch.setattr(app.orthos, "rectify_photo", rectified)
-    ground = level_ground(0.0, block.crs)
-    monkeypatch.setattr(app.orthos, "chosen_ground", lambda *given: (ground, ()))
-    project: Any = SimpleNamespace(
-        ortho=SimpleNamespace(gsd_m=1.0), reference=SimpleNamespace(dem=())
-    )
+    monkeypatch.setattr(app.orthos, "chosen_ground", lambda *given: (GROUND, ()))
+    return names
+
+
+def test_an_ortho_goes_with_its_photo_and_nothing_else_does__law(tmp_path, made):
+    block, ground, project = BLOCK, GROUND, PROJECT
     first, *others = block.photos
     fewer = replace(
         block, photos={**block.photos, first: replace(block.photos[first], oriented=False)}
@@ -53,3 +66,35 @@ def test_an_ortho_goes_with_its_photo_and_nothing_else_does__law(tmp_path, monke
         made.clear()
         make_orthos(session, project, block, ground, SILENT)
     assert made == [first]
+
+
+def test_a_mosaic_keeps_its_version_while_its_orthos_are_made_again__law(tmp_path, made):
+    """Readings of a mosaic became those of another as soon as the first of its orthos was new."""
+    seams = tuple(
+        Seam(name, "", box(10 * k, 0, 10 * k + 10, 10)) for k, name in enumerate(BLOCK.photos)
+    )
+    aside = {
+        name: replace(photo, exterior=replace(photo.exterior, centre=photo.exterior.centre + 1.0))
+        for name, photo in BLOCK.photos.items()
+    }
+
+    class Stopped:
+        def report(self, done, total, what=""):
+            if len(made) == 1:
+                raise Cancelled
+
+    with Session.open(tmp_path, "ada") as session:
+        products = session.products
+        make_orthos(session, PROJECT, BLOCK, GROUND, SILENT)
+        mosaic = MosaicProduct(tmp_path / "mosaic.tif", Grid(0, 10, 1, 10, 10), seams, {}, 1.0)
+        # As earlier versions left it: nothing is kept but the mosaic.
+        products.save_value("mosaic", products.digest_of("earlier"), mosaic)
+        before = version_on_disk(products)
+        made.clear()
+        with pytest.raises(Cancelled):
+            make_orthos(session, PROJECT, BLOCK.with_photos(aside), GROUND, Stopped())
+        assert len(made) == 1
+        assert version_on_disk(products) == before
+        make_orthos(session, PROJECT, BLOCK.with_photos(aside), GROUND, SILENT)
+        products.save_value("mosaic", products.digest_of("later"), mosaic)
+        assert version_on_disk(products) != before

@@ -10,6 +10,7 @@ import pytest
 
 from app.desk.loop import ReviewLoop
 from app.desk.messages import Measured, Screen, SeatLeft, SeatTaken
+from core.errors import Cancelled
 from sessions.decisions import Accept, AddPoint, FillMarks, JudgeTie, Place, Reject, SignBlock
 from sessions.replay import judged
 from sessions.session import Session
@@ -315,6 +316,27 @@ def test_stale_orthos_are_made_again_and_then_fresh__law(tmp_path: Any):
     desk.glass.until(lambda glass: ("", "notice.remade") in glass.notices)
     desk.glass.until(lambda glass: glass.status()["stale"] == [])
     assert desk.made == [stale]
+    desk.close()
+
+
+def test_what_a_cancelled_update_made_is_shown_as_made__law(tmp_path: Any):
+    """Orthos made until then stood as out of date, and a new mosaic as the one before."""
+    desk = Opened(tmp_path, made=tiny_block().block)
+    first, *others = desk.glass.status()["stale"]
+    photo = desk.loop._now.state.oriented.photos[first]
+
+    def cancelled(ids: Any, progress: Any, report: Any):
+        products = desk.session.products
+        for name, kept in made_with(tiny_block().block).items():
+            products.save_value(f"made-with/{name}", "0" * 64, kept)
+        kept = photo, report.block.camera_of(first)
+        products.save_value(f"made-with/{first}", "1" * 64, kept)
+        raise Cancelled
+
+    desk.loop._remaker._remake = cancelled
+    desk.loop.submit(RemakeAsked("anna-1"))
+    desk.glass.until(lambda glass: ("", "notice.remake-cancelled") in glass.notices)
+    desk.glass.until(lambda glass: glass.status()["stale"] == others)
     desk.close()
 
 
