@@ -62,10 +62,10 @@ from ui.review.doubtful import extra_of
 from ui.review.drafts import with_measured
 from ui.review.gestures import AnswerAsked, Freed, Gesture
 from ui.review.history import (
-    gives_reason,
     key_of,
     mark_of,
     nothing_notice,
+    take_back_explained,
     touched_by,
     turn_back,
     turn_notice,
@@ -99,7 +99,6 @@ class ReviewLoop:
         self._scenes: set[str] = set()
         self._seen: dict[str, tuple[object, DeskSnapshot]] = {}
         self._made: dict[int, str] = {}
-        self._last: Recorded | None = None
         self._edits: tuple[SeamEdit, ...] | None = None
         self._replay_due = self._adjust_due = self._only_seams = False
         self._work: AfterAdjustment | None = None
@@ -298,15 +297,13 @@ class ReviewLoop:
 
     def _record(self, decisions: Sequence[Decision], seat: Seat, amends: bool = False) -> None:
         """Only once it is on disk does anything else happen."""
-        last = self._last
-        if amends and last is not None and gives_reason(last.decision, decisions[-1]):
-            # The reason belongs to the rejections just made: one act, one undo.
-            self._session.undo(seat.operator, others=self._of_others(seat))
+        if amends:
+            take_back_explained(self._session, seat, self._of_others(seat), decisions[-1])
         state = self._now.state
         with_it = act_of(decisions, state, self._now.recorded)
         recorded = self._session.record_all(decisions, state.block, seat.operator, with_it)
         self._made |= {item.decision_id: seat.seat_id for item in recorded}
-        self._last, self._replay_due = recorded[-1], True
+        self._replay_due = True
         # Seams move no photo.
         self._only_seams = all(isinstance(one, SeamLine | SeamArea) for one in decisions)
 
@@ -353,7 +350,7 @@ class ReviewLoop:
                 self._screen.tell(seat.seat_id, notice)
             return
         self._made |= {item.decision_id: seat.seat_id for item in made}
-        self._last, self._replay_due = None, True
+        self._replay_due = True
         key = key_of(touched.decision, self._now.state.extra)
         if key is not None:
             self._now = self._now.with_seat(replace(seat, current=key))

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Literal
 
 from core.adjustment.adjusted import AdjustmentReport
@@ -84,13 +85,15 @@ def history_of(key: Key, recorded: Sequence[Recorded], extra: Extra) -> list[dic
 
 def _explained(recorded: Sequence[Recorded]) -> set[int]:
     """Rejections that were recorded anew with their reason: both together are one."""
-    return {
-        first.decision_id
-        for first, back, again in zip(recorded, recorded[1:], recorded[2:], strict=False)
-        if back.decision == Withdraw(first.decision_id)
-        and gives_reason(first.decision, again.decision)
-        and first.who == again.who
-    }
+    explained: set[int] = set()
+    known = {item.decision_id: item for item in recorded}
+    for back, again in pairwise(recorded):
+        first = (
+            known.get(back.decision.decision_id) if isinstance(back.decision, Withdraw) else None
+        )
+        if first and first.who == again.who and gives_reason(first.decision, again.decision):
+            explained.add(first.decision_id)
+    return explained
 
 
 def concerns(decision: Decision, key: Key, extra: Extra) -> bool:
@@ -270,6 +273,15 @@ def gives_reason(before: Decision, now: Decision) -> bool:
     if not isinstance(before, Reject) or not isinstance(now, Reject):
         return False
     return (before.point_id, before.photo_id) == (now.point_id, now.photo_id)
+
+
+def take_back_explained(
+    session: Session, seat: Seat, others: Collection[int], reason: Decision
+) -> None:
+    """Withdraw the rejections just made that a reason belongs to: one act, one undo."""
+    last = last_to_undo(session.decisions(), seat.operator, others=others)
+    if last is not None and gives_reason(last.decision, reason):
+        session.undo(seat.operator, others=others)
 
 
 def _detail(decision: Decision) -> tuple[str, dict[str, str | int]]:

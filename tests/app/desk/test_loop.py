@@ -194,6 +194,20 @@ def test_the_reason_replaces_the_rejection_it_explains__law(desk: Any):
     assert desk.glass.row(first)[3] == "auto"
 
 
+def test_a_reason_finds_its_rejection_whatever_another_decides_between__law(desk: Any):
+    desk.sit("berta-1")
+    desk.loop.submit(Named("berta-1", "berta"))
+    first, other = tiny_keys(desk)[:2]
+    desk.loop.submit(Judged("anna-1", first, "reject"))
+    desk.loop.submit(Judged("berta-1", other, "dubious"))
+    desk.loop.submit(Explained("anna-1", 1))
+    desk.settled(2)
+    assert desk.session.replayed(tiny_block().block).measurements[first].reason == "wrong object"
+    desk.loop.submit(Undone("anna-1"))
+    desk.settled(1)
+    assert desk.glass.row(first)[3] == "auto"
+
+
 def test_what_was_judged_at_once_is_undone_at_once__law(desk: Any):
     keys = tuple(tiny_keys(desk)[:5])
     desk.loop.submit(Judged("anna-1", tiny_keys(desk)[7], "dubious"))

@@ -104,6 +104,9 @@ def test_a_rejection_and_its_reason_are_one_line__law():
     plain, reason = Reject(*KEY, "other"), Reject(*KEY, "changed")
     lines = history_of(KEY, said(plain, Withdraw(1), reason), NO_EXTRA)
     assert [line["detail"][0] for line in lines] == ["reason.2"]
+    between = (*said(plain), *said(Accept("J102", "a"), who="berta"), *said(Withdraw(1), reason))
+    numbered = [replace(item, decision_id=number) for number, item in enumerate(between, start=1)]
+    assert len(history_of(KEY, numbered, NO_EXTRA)) == 1
     # What was withdrawn and not given a reason stays in sight.
     assert len(history_of(KEY, said(plain, Withdraw(1), Accept(*KEY)), NO_EXTRA)) == 2
 
