@@ -51,6 +51,10 @@ class LastingPlaces:
         return LastingPlaces(self.places[rows], self.clearness[rows], self.junction[rows])
 
 
+NO_PLACES = LastingPlaces(np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=bool))
+"""Where nothing lasts."""
+
+
 def lasting_places(ortho: Ortho, grid: Grid, junctions: Sequence[Junction]) -> LastingPlaces:
     """Places that the ortho shows in a part.
 
@@ -61,7 +65,7 @@ def lasting_places(ortho: Ortho, grid: Grid, junctions: Sequence[Junction]) -> L
     """
     patch = ortho.read(grid)
     if not patch.mask.any():
-        return LastingPlaces(np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=bool))
+        return NO_PLACES
     gray = np.where(patch.mask, patch.values, np.float32(patch.values[patch.mask].mean()))
     strength, _ = line_structure(gray, patch.mask)
     through = lines_through(gray, patch.mask)
@@ -88,9 +92,10 @@ def best_first(parts: Sequence[LastingPlaces], apart_m: float) -> LastingPlaces:
         parts: What was found.
         apart_m: Nearer ones are of the same detail, metres.
     """
-    places = np.concatenate([part.places for part in parts])
-    clear = np.concatenate([part.clearness for part in parts])
-    junction = np.concatenate([part.junction for part in parts])
+    every = [NO_PLACES, *parts]
+    places = np.concatenate([part.places for part in every])
+    clear = np.concatenate([part.clearness for part in every])
+    junction = np.concatenate([part.junction for part in every])
     found = LastingPlaces(places, clear, junction).chosen(np.lexsort((-clear, ~junction)))
     kept = np.zeros(len(places), dtype=bool)
     if len(places):

@@ -115,3 +115,12 @@ def test_ground_beside_the_reference_has_no_places__law(ortho: Ortho) -> None:
     west, south, _, _ = ortho.bounds
     aside = box(west - 900, south - 900, west - 100, south - 100)
     assert not draw_places(PlanRequest(aside, ortho, np.zeros((0, 2)), 40.0, 1)).places
+
+
+def test_ground_that_only_bounds_join_to_the_reference_has_no_places__law(ortho: Ortho) -> None:
+    """A strip that runs past the corner of the ortho."""
+    west, south, _, _ = ortho.bounds
+    away = np.array([(-300, 150), (150, -300), (130, -320), (-320, 130)])
+    strip = shapely.Polygon(away + (west, south))
+    assert strip.bounds[2] > west and strip.bounds[3] > south
+    assert not draw_places(PlanRequest(strip, ortho, np.zeros((0, 2)), 40.0, 1)).places
