@@ -14,6 +14,7 @@ from app.project import Project, described
 from app.run import LAST_STAGES, WHEN_ASKED, adjustment_digest
 from core.errors import PhotogrammetryError, ScanError
 from core.geometry.crs import operation_between, short_name
+from core.geometry.map_in_space import check_scale
 from core.matching.reference import (
     DEM_SIGMA,
     ORTHO_SIGMA,
@@ -106,9 +107,11 @@ def _data(project: Project) -> list[Check]:
         given = described(project)
         opened = open_reference(given.reference)
         doubts = height_doubts(project, given.surveyed, opened.dem)
+        area = opened.ortho.bounds if given.reference.ortho else given.reference.area
+        doubts += () if area is None else check_scale(given.crs, area)
     except PhotogrammetryError as error:
         return [[True, "error", {"text": error.told}]]
-    told: list[Check] = [[False, "heights", {"text": doubt.message}] for doubt in doubts]
+    told: list[Check] = [[False, "doubt", {"text": doubt.message}] for doubt in doubts]
     return [*_sigmas(given.reference, opened), *told]
 
 

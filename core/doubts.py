@@ -32,6 +32,7 @@ GRAVITY: Mapping[str, float] = {
     "fiducial-left-out": 0.5,
     "georeference-unused": 0.5,
     "interior-nominal": 0.5,
+    "map-scale": 0.5,
     "ortho-coverage": 0.5,
     "photo-orientation": 0.5,
     "common-shift": 0.4,

@@ -15,6 +15,7 @@ from pyproj.transformer import TransformerGroup
 from app.height_checks import height_doubts
 from app.project import described, read_project
 from app.terminal import Voice
+from core.geometry.map_in_space import check_scale
 from core.matching.reference import open_reference
 from core.said import say
 
@@ -96,6 +97,8 @@ def of_block(block: Path) -> Iterator[str]:
         gsd = reference.ortho.ground_sample_distance_m
         dem = reference.dem.ground_sample_distance_m
         yield say("Reference: ortho {gsd:g} m, DEM {dem:g} m", gsd=gsd, dem=dem)
+        for doubt in check_scale(given.crs, reference.ortho.bounds):
+            yield attention(doubt.message)
     if not given.reference.dem:
         yield "! No DEM: the ground is taken as level, and orthos are off by the relief"
     if given.reference.ortho and not given.reference.roads:

@@ -11,8 +11,10 @@ from jaxtyping import Float64
 from pyproj import CRS, Transformer
 
 from core.arrays import ObjectPoints, Position, Rotation
+from core.doubts import Doubt
 from core.errors import CrsError
-from core.geometry.crs import PlanePoints, horizontal, read_crs
+from core.geometry.crs import Bounds, PlanePoints, horizontal, read_crs, short_name
+from core.said import say
 
 # design: curvature of the third order over it is 1e-10; coordinates round at 1e-9 m.
 STEP_M = 50.0
@@ -29,6 +31,17 @@ EARTH_M = 6.3e6
 POLAR, SOUTH_POLAR = 84.0, -80.0
 # source: codes of EPSG.
 WGS84, UTM_NORTH, UTM_SOUTH = 4326, 32600, 32700
+# source: relief displacement is r dh / h, on a map of scale k r dh / (k h). Relief of a tenth of
+# the flying height, half of it above the mean, is then off by six pixels of 20 µm at the rim of a
+# film of 23 cm. EPSG:3035 stays below all over Europe, Web Mercator only within 11 degrees of the
+# equator.
+MOST_SCALE = 0.02
+"""A block whose map is further from scale 1 in any direction is refused."""
+RIM_UM, RELIEF = 115_000.0, 0.05  # source: half a film of 23 cm, micrometres; and that relief.
+MOST_UM = 20.0  # source: a usual scan pixel.
+"""What a map may displace details on the film before it is doubted, micrometres."""
+CRS_KEY = "block.toml [block] crs"
+"""Where a block's CRS stands, for messages."""
 Degrees = Float64[np.ndarray, "n 3"]
 """Longitude and latitude in degrees, height in metres."""
 Origin = tuple[float, float, float]
@@ -78,10 +91,19 @@ class MapInSpace:
 
     def turn_at(self, place: Position) -> Rotation:
         """The frame's axes from east, north, up of the map at a place, without any scale."""
+        left, _, right = np.linalg.svd(self._axes(place))
+        return left @ right
+
+    def scales_at(self, place: Position) -> tuple[float, float]:
+        """Least and largest scale of the map at a place: metres on it that are one in space."""
+        lengths = np.linalg.svd(self._axes(place)[:, :2], compute_uv=False)
+        return float(1 / lengths[0]), float(1 / lengths[1])
+
+    def _axes(self, place: Position) -> Float64[np.ndarray, "3 3"]:
+        """What a metre to the east, to the north and up on the map is in the frame: columns."""
         steps = np.vstack([np.eye(3), -np.eye(3)]) * STEP_M
         ends = self.from_object(place + steps)
-        left, _, right = np.linalg.svd((ends[:3] - ends[3:]).T)
-        return left @ right
+        return (ends[:3] - ends[3:]).T / (2 * STEP_M)
 
 
 def map_in_space(crs: CRS, datum: CRS | None = None, origin: Origin | None = None) -> MapInSpace:
@@ -107,9 +129,49 @@ def tangent_frame(crs: str, middle: Position) -> MapInSpace:
     Raises:
         CrsError: No CRS, or one that PROJ does not know or that is not projected.
     """
-    plane = map_crs(crs, "[block] crs")
+    plane = map_crs(crs, CRS_KEY)
     datum = geographic_of(plane)
     return map_in_space(plane, datum, origin_of(plane, datum, middle))
+
+
+def check_scale(crs: str, bounds: Bounds) -> tuple[Doubt, ...]:
+    """Whether photos fit a map at a block: to them all three coordinates are of one length.
+
+    Args:
+        crs: Of the block.
+        bounds: West, south, east, north of its ground, metres.
+
+    Raises:
+        CrsError: The map's scale is far from 1 there.
+    """
+    west, south, east, north = bounds
+    place = np.array([(west + east) / 2, (south + north) / 2, 0.0])
+    frame = tangent_frame(crs, place)
+    scales = np.array(frame.scales_at(place))
+    told = {
+        "name": short_name(map_crs(crs, CRS_KEY)),
+        "scale": float(scales[np.argmax(np.abs(scales - 1))]),
+        "zone": zone_of(frame.degrees(place[None])),
+    }
+    if np.abs(scales - 1).max() > MOST_SCALE:
+        raise CrsError(
+            CRS_KEY,
+            "{name} draws a metre of ground as {scale:.3f} m where the block lies: photos do not "
+            "fit such a map.",
+            "Give the block its UTM zone ({zone}) or a national CRS, as `crs` in [block]. Bring "
+            "lists of points and orientations to it; ortho, DEM and vector files may stay.",
+            **told,
+        )
+    # A stretched square fits no photo; flying heights take up a scale that is the same all round.
+    film = RIM_UM * max(np.ptp(scales) / 2, RELIEF * abs(scales.mean() - 1))
+    if film <= MOST_UM:
+        return ()
+    text = (
+        "{name} draws a metre of ground as {scale:.4f} m where the block lies, which photos cannot "
+        "follow: details are off by up to {film:.0f} µm of film at the rims. Its UTM zone ({zone}) "
+        "or a national CRS, as `crs` in [block], fits better."
+    )
+    return (Doubt("map-scale", "block", say(text, film=film, **told)),)
 
 
 def origin_of(crs: CRS, datum: CRS, place: Position) -> Origin:

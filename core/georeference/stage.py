@@ -14,6 +14,7 @@ from core.errors import OrientationError, PhotogrammetryError, ReferenceDataErro
 from core.formats.eo_list import read_eo_list
 from core.geometry.camera import Camera
 from core.geometry.crs import Bounds, distance_m, shared_bounds
+from core.geometry.map_in_space import check_scale
 from core.georeference.approximation import Approximation
 from core.georeference.archive import (
     Archive,
@@ -93,7 +94,7 @@ def georeference_photos(
         work: Progress.
 
     Raises:
-        PhotogrammetryError: No usable source, the reference misses the block, or a wrong CRS.
+        PhotogrammetryError: No usable source, the reference misses the block, or an unfit CRS.
     """
     level = 0.0 if files.knows_ground else presumed_level(source, given_cameras, scan_cameras)
     reference = open_reference(files, level_m=level)
@@ -119,6 +120,7 @@ def georeference_photos(
     }
     photos = {n: replace(photo, corrections=source.corrections) for n, photo in photos.items()}
     block = Block(files.crs, cameras, photos)
+    scale = check_scale(files.crs, block.bounds)
     lost = far_from_reference(block, reference) if files.ortho else {}
     set_aside = {name: error.told for name, error in failed.items()} | lost
     block = block.with_photos({n: photo for n, photo in photos.items() if n not in lost})
@@ -129,7 +131,7 @@ def georeference_photos(
     )
     doubts = [doubt for result in placed.values() for doubt in result.doubts]
     doubts += [Doubt("scan-set-aside", name, why) for name, why in set_aside.items()]
-    doubts += [*archive.doubts, *coverage, *reference.ortho.notes, *reference.dem.notes]
+    doubts += [*scale, *archive.doubts, *coverage, *reference.ortho.notes, *reference.dem.notes]
     return Georeferenced(block, placed, set_aside, tuple(doubts))
 
 

@@ -237,6 +237,14 @@ def test_broken_scans_and_a_reference_elsewhere_are_said_first__truth(data: Path
     assert "fiducials" in checks
 
 
+def test_a_map_that_photos_do_not_fit_stops_a_run__truth(data: Path) -> None:
+    starting = Starting(data)
+    for crs, stops, words in (("EPSG:3857", True, "as 1.5"), ("EPSG:3035", False, "of film")):
+        starting.save(values_of(starting) | {DISTANCE: 211.59, "block.crs": crs})
+        checks = starting.found()["checks"]
+        assert [stops] == [grave for grave, _, told in checks if words in told.get("text", "")]
+
+
 def test_a_scan_that_does_not_fit_its_camera_is_said_wherever_it_stands__truth(data: Path) -> None:
     starting = Starting(data)
     starting.save(values_of(starting) | {DISTANCE: 211.59})

@@ -4,10 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pyproj import CRS
+from pyproj import CRS, Proj, Transformer
 
 from core.errors import CrsError
 from core.geometry.crs import (
+    Bounds,
     check_range,
     infer_crs,
     operation_between,
@@ -15,6 +16,7 @@ from core.geometry.crs import (
     same_coordinates,
     short_name,
 )
+from core.geometry.map_in_space import check_scale, tangent_frame
 from core.said import Said
 from ui.words.catalogue import Teller
 
@@ -41,6 +43,61 @@ def test_a_block_crs_that_cannot_be_used_is_told__truth(text, words):
 def test_a_block_crs_keeps_its_plane_part__truth():
     assert short_name(parse_crs("EPSG:5514+8357", "f")) == "EPSG:5514"
     assert parse_crs("EPSG:31467", "f").to_epsg() == 31467  # northing comes first in it
+
+
+def around(crs: str, longitude: float, latitude: float) -> Bounds:
+    """A block of ten kilometres."""
+    east, north = Transformer.from_crs("EPSG:4326", crs, always_xy=True).transform(
+        longitude, latitude
+    )
+    return east - 5e3, north - 5e3, east + 5e3, north + 5e3
+
+
+@pytest.mark.parametrize("crs", ["EPSG:3395", "EPSG:6933", "EPSG:3035", "EPSG:5514", "EPSG:32633"])
+def test_the_scale_of_a_map_is_what_proj_tells__oracle(crs: str) -> None:
+    west, south, east, north = around(crs, 16.0, 49.0)
+    place = np.array([(west + east) / 2, (south + north) / 2, 0.0])
+    factors = Proj(crs).get_factors(16.0, 49.0)
+    expected = factors.tissot_semiminor, factors.tissot_semimajor
+    assert tangent_frame(crs, place).scales_at(place) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("crs", "place", "words"),
+    [
+        ("EPSG:3857", (15, 50), "as 1.557 m"),
+        ("EPSG:3395", (15, 50), "as 1.553 m"),
+        ("EPSG:6933", (15, 50), "as 1.346 m"),
+        ("EPSG:3034", (15, 50), "as 0.966 m"),
+    ],
+)
+def test_a_map_far_from_scale_one_is_refused__truth(
+    crs: str, place: tuple[float, float], words: str
+) -> None:
+    with pytest.raises(CrsError, match=words) as told:
+        check_scale(crs, around(crs, *place))
+    assert "EPSG:32633" in told.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("crs", "place", "film"),
+    [
+        ("EPSG:5514", (12.1, 50.2), ""),
+        ("EPSG:32633", (18, 0), ""),  # at the border of its zone, where it bends most
+        ("EPSG:32633", (22.5, 49), ""),  # as far beyond it as a block may lie
+        ("EPSG:2154", (9, 42), ""),
+        ("EPSG:26910", (-123, 45), ""),
+        ("EPSG:3035", (11, 52), ""),
+        ("EPSG:3035", (15, 50), "57 µm"),
+        ("EPSG:3035", (25, 35), "1742 µm"),
+        ("EPSG:5070", (-98, 49), "1429 µm"),
+    ],
+)
+def test_maps_that_surveys_use_are_doubted_at_most__truth(
+    crs: str, place: tuple[float, float], film: str
+) -> None:
+    doubts = check_scale(crs, around(crs, *place))
+    assert [film in doubt.message for doubt in doubts] == [True] * bool(film)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.errors import OrientationError, ReferenceDataError
+from core.errors import CrsError, OrientationError, ReferenceDataError
 from core.formats.world_file import read_world_file, write_world_file
 from core.georeference.stage import check_coverage
 from core.raster.dem import open_dem
@@ -75,6 +75,13 @@ def test_who_asks_for_no_source_misses_none__truth(given, scan_set):
     found = georeference(open_ended, scan_set)
     assert len(found.block.photos) == 6
     assert not [d for d in found.doubts if d.kind == "georeference-missing"]
+
+
+def test_a_map_far_from_scale_one_is_refused__truth(given, scan_set):
+    alone = replace(given.reference, crs="EPSG:6933", ortho=(), dem=(), level_m=250.0)
+    far = replace(given, reference=alone)
+    with pytest.raises(CrsError, match="draws a metre of ground as"):
+        georeference(far, scan_set)
 
 
 @pytest.fixture

@@ -120,7 +120,8 @@ def test_ground_beside_the_reference_has_no_places__law(ortho: Ortho) -> None:
 def test_ground_that_only_bounds_join_to_the_reference_has_no_places__law(ortho: Ortho) -> None:
     """A strip that runs past the corner of the ortho."""
     west, south, _, _ = ortho.bounds
-    away = np.array([(-300, 150), (150, -300), (130, -320), (-320, 130)])
-    strip = shapely.Polygon(away + (west, south))
-    assert strip.bounds[2] > west and strip.bounds[3] > south
+    away = [(-300, 150), (150, -300), (130, -320), (-320, 130)]
+    strip = shapely.Polygon([(west + east, south + north) for east, north in away])
+    assert strip.bounds[2] > west
+    assert strip.bounds[3] > south
     assert not draw_places(PlanRequest(strip, ortho, np.zeros((0, 2)), 40.0, 1)).places
