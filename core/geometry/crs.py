@@ -76,8 +76,7 @@ def parse_crs(text: str, where: str | Path) -> CRS:
             "Name its variant that counts east and north; for S-JTSK that is EPSG:5514, "
             "with coordinates E = -Y, N = -X (both negative).",
         )
-    # design: units that differ by less are metres.
-    if any(abs(axis.unit_conversion_factor - 1) > 1e-9 for axis in crs.axis_info[:2]):
+    if not in_metres(crs):
         raise CrsError(
             where,
             say(
@@ -88,6 +87,12 @@ def parse_crs(text: str, where: str | Path) -> CRS:
             "Give a projected CRS in metres and reproject the reference data to it.",
         )
     return crs
+
+
+def in_metres(crs: CRS) -> bool:
+    """Whether a map counts in metres along both axes."""
+    # design: units that differ by less are metres.
+    return all(abs(axis.unit_conversion_factor - 1) < 1e-9 for axis in crs.axis_info[:2])
 
 
 def bounds_of(points: Num[np.ndarray, "n 2"]) -> Bounds:

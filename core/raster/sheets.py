@@ -23,6 +23,7 @@ from core.geometry.crs import (
     Operation,
     check_range,
     horizontal,
+    in_metres,
     infer_crs,
     read_crs,
     same_coordinates,
@@ -248,12 +249,24 @@ def _picture_bands(raster: rasterio.DatasetReader, path: Path) -> tuple[int, ...
 
 
 def _refuse_feet(raster: rasterio.DatasetReader, path: Path) -> None:
-    """Heights that are said to be in another unit than metres; silence means metres."""
+    """Heights said to be in another unit than metres; silence means metres on a map in metres."""
     unit = (raster.units[0] or "").strip().lower()
-    factor = 1.0
+    factor, told = 1.0, unit != ""
     if raster.crs is not None:
-        for part in read_crs(raster.crs.to_wkt(version="WKT2_2019"), path).sub_crs_list[1:]:
-            factor = part.axis_info[0].unit_conversion_factor
+        own = read_crs(raster.crs.to_wkt(version="WKT2_2019"), path)
+        for part in own.sub_crs_list[1:]:
+            factor, told = part.axis_info[0].unit_conversion_factor, True
+        plan = horizontal(own)
+        if plan.is_projected and not told and not in_metres(plan):
+            raise ReferenceDataError(
+                path,
+                say(
+                    "the DEM does not say the unit of its heights, and its map counts in {unit}.",
+                    unit=plan.axis_info[0].unit_name,
+                ),
+                "Convert heights in feet to metres, for example with gdal_calc, and state the "
+                "unit: gdal_edit.py -units m FILE.",
+            )
     # design: rounding; feet differ by two thirds
     if unit in ("", "m", "metre", "meter", "metres", "meters") and abs(factor - 1) < 1e-6:
         return

@@ -23,6 +23,7 @@ from core.geometry.crs import (
     Bounds,
     Operation,
     horizontal,
+    in_metres,
     operation_between,
     read_crs,
     short_name,
@@ -88,9 +89,7 @@ def target_system(text: str, block: str, bounds: Bounds, where: str | Path) -> T
         CrsError: PROJ does not know it or cannot reach it, or it does not count in metres.
     """
     own, wanted = horizontal(read_crs(block, where)), horizontal(read_crs(text, where))
-    # design: units that differ by less are metres.
-    metres = all(abs(axis.unit_conversion_factor - 1) < 1e-9 for axis in wanted.axis_info[:2])
-    if not wanted.is_projected or not metres:
+    if not wanted.is_projected or not in_metres(wanted):
         raise CrsError(
             where,
             "{crs} does not count in metres on a map plane, so sheets have no pixel size in it.",

@@ -1,9 +1,12 @@
 """One sheet: what it is, where it lies, what of it is margin."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 import rasterio
 from pyproj import CRS as Crs
+from rasterio.transform import Affine
 
 from core.errors import ReferenceDataError
 from core.raster.sheets import block_outline, open_sheet
@@ -73,6 +76,27 @@ def test_heights_are_metres_or_refused__truth(tmp_path):
         file.units = ("US survey foot",)
     with pytest.raises(ReferenceDataError, match="heights are not in metres"):
         open_sheet(path, BLOCK, "DEM")
+
+
+@pytest.mark.parametrize(
+    ("crs", "unit", "words"),
+    [
+        ("EPSG:2263", "", "map counts in US survey foot"),
+        ("EPSG:2263+6360", "", "heights are not in metres"),
+        ("EPSG:2263", "metre", ""),
+        ("EPSG:2263+5703", "", ""),
+    ],
+)
+def test_a_map_in_feet_says_the_unit_of_its_heights_or_is_refused__truth(
+    tmp_path, crs, unit, words
+):
+    heights = np.full((9, 9), 328.084, np.float32)
+    corner = Affine(15.0, 0, 980_000.0, 0, -15.0, 200_000.0)
+    path = write_raster(tmp_path / "d.tif", heights, corner, crs=crs)
+    with rasterio.open(path, "r+") as file:
+        file.units = (unit,)
+    with pytest.raises(ReferenceDataError, match=words) if words else nullcontext():
+        open_sheet(path, Crs("EPSG:32618"), "DEM")
 
 
 def test_a_colour_table_is_refused__truth(tmp_path):
