@@ -133,16 +133,23 @@ def read_crs(text: str, where: str | Path) -> CRS:
 
 
 def horizontal(crs: CRS) -> CRS:
-    """The plane part of a CRS that also counts heights."""
+    """The plane part of a CRS that also counts heights; a shift of its datum stays with it."""
     if crs.is_compound:
         return horizontal(crs.sub_crs_list[0])
-    if crs.is_bound and crs.source_crs is not None:
-        return horizontal(crs.source_crs)
-    return crs
+    own = _unshifted(crs)
+    # Of a CRS with a code PROJ knows better operations than the shift beside it.
+    known = own.is_compound or own.to_authority(min_confidence=100)  # source: 100 is certainty.
+    return horizontal(own) if own is not crs and known else crs
+
+
+def _unshifted(crs: CRS) -> CRS:
+    """A CRS without the shift to WGS 84 (TOWGS84) that its text gives beside it."""
+    return crs.source_crs if crs.is_bound and crs.source_crs is not None else crs
 
 
 def short_name(crs: CRS) -> str:
     """`EPSG:5514` where there is a code, the CRS's own name or its projection otherwise."""
+    crs = _unshifted(crs)
     authority = crs.to_authority()
     if authority:
         return ":".join(authority)
@@ -358,7 +365,7 @@ def _outside_m(crs: CRS, points: PlanePoints) -> float:
 @lru_cache(maxsize=CACHED)
 def _area_bounds(wkt: str) -> Bounds:
     """Bounds of the CRS's area of use in its own coordinates, metres."""
-    crs = CRS(wkt)
+    crs = _unshifted(CRS(wkt))
     # The WKT that GDAL hands over names no area, but often the code under which PROJ lists one.
     authority = crs.to_authority()
     area = crs.area_of_use or (CRS.from_authority(*authority).area_of_use if authority else None)
@@ -369,7 +376,7 @@ def _area_bounds(wkt: str) -> Bounds:
     own = _geodetic(crs)
     meridian, unit = own.prime_meridian, own.axis_info[0].unit_name
     usual = unit == "degree" and (meridian is None or meridian.longitude == 0)
-    to_plane = _transformer((own if usual else CRS("EPSG:4326")).to_wkt(), wkt)
+    to_plane = _transformer((own if usual else CRS("EPSG:4326")).to_wkt(), crs.to_wkt())
     return to_plane.transform_bounds(*area.bounds, errcheck=False)
 
 

@@ -5,10 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from pyproj import CRS, Proj, Transformer
+from pyproj.crs import BoundCRS
+from pyproj.crs.coordinate_operation import ToWGS84Transformation
 
 from core.errors import CrsError
 from core.geometry.crs import (
     Bounds,
+    bounds_of,
     check_range,
     infer_crs,
     operation_between,
@@ -98,6 +101,29 @@ def test_maps_that_surveys_use_are_doubted_at_most__truth(
 ) -> None:
     doubts = check_scale(crs, around(crs, *place))
     assert [film in doubt.message for doubt in doubts] == [True] * bool(film)
+
+
+KROVAK = (
+    "+proj=krovak +lat_0=49.5 +lon_0=24.83333333333333 +alpha=30.28813972222222 +k=0.9999 "
+    "+x_0=0 +y_0=0 +ellps=bessel +towgs84=570.8,85.7,462.8,4.998,1.587,5.261,3.56 +units=m"
+)
+
+
+@pytest.mark.parametrize("text", [KROVAK, KROVAK + " +geoidgrids=egm96_15.gtx +vunits=m"])
+def test_a_datum_told_by_towgs84_is_shifted_by_it__oracle(text: str) -> None:
+    """Within the two metres that operations of S-JTSK differ by; without it, 118 m off."""
+    crs = parse_crs(text, "f")
+    expected = operation_between("EPSG:5514", "EPSG:32633", KOBYLI, "f").forward(KOBYLI)
+    found = operation_between(crs.to_wkt(), "EPSG:32633", KOBYLI, "f").forward(KOBYLI)
+    np.testing.assert_allclose(found, expected, atol=2.0)
+    assert "Krovak" in short_name(crs)
+    assert len(check_scale(text, bounds_of(KOBYLI))) == 0
+
+
+def test_a_code_knows_its_datum_better_than_a_shift_beside_it__law() -> None:
+    shift = ToWGS84Transformation(CRS("EPSG:4156"), 589, 76, 480)
+    beside = BoundCRS(CRS("EPSG:5514"), CRS("EPSG:4326"), shift)
+    assert parse_crs(beside.to_wkt(), "f") == CRS("EPSG:5514")
 
 
 @pytest.mark.parametrize(
