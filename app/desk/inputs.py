@@ -320,7 +320,7 @@ class Adjusting:
             expected_gains(influence),
             covariances,
             measuring_gains(influence, wanted, len(report.checks)),
-            JointErrors(influence, report.sigma_nought),
+            JointErrors(influence, report.unit),
         )
 
     def choose(self, cameras: bool, robust: bool) -> None:

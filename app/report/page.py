@@ -314,7 +314,7 @@ REQUIREMENTS = (
     ),
     _Requirement(
         "report.want.sigma", "report.limit.range",
-        _either(PLAIN, "sigma", "sigma-off", "sigma-far"),
+        _either(PLAIN, "sigma", "sigma-off", "sigma-far", "sigma-none"),
     ),
     _Requirement("report.want.oriented", "report.limit.none", {"oriented": NONE, "loose": COUNT}),
     _Requirement(

@@ -36,7 +36,7 @@ def protocol_figures(
     """
     counts = ray_counts_of(report)
     corners = {} if influence is None else influence.corner_sigmas()
-    scale = report.sigma_nought if np.isfinite(report.sigma_nought) else 1.0
+    scale = report.unit
     return {
         "block": {"name": name, **_block(report, counts)},
         "options": _options(report, options),
@@ -230,7 +230,7 @@ def _control(report: AdjustmentReport, influence: Influence | None, scale: float
 
 def control_in_use(report: AdjustmentReport, influence: Influence | None) -> dict[str, Any]:
     """Every control measurement that takes part, worst first, with how far its point moved."""
-    scale = report.sigma_nought if np.isfinite(report.sigma_nought) else 1.0
+    scale = report.unit
     control = _control(report, influence, scale)
     moved = {point["point_id"]: point["difference_m"] for point in control["points"]}
     items = report.block.measurements
@@ -380,7 +380,7 @@ def spread_figures(report: AdjustmentReport, influence: Influence | None) -> dic
         influence: Its equations; None where no photo took part.
     """
     count = count_control(report)
-    scale = report.sigma_nought if np.isfinite(report.sigma_nought) else 1.0
+    scale = report.unit
     wants = () if influence is None else wanted_control(influence)
     rules = None if count is None else {
         "base_m": count.base_m,

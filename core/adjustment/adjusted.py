@@ -231,6 +231,11 @@ class AdjustmentReport:
     condition: float = float("nan")
     """By how much the photos' unknowns at most increase each other's variances; 1 is best."""
 
+    @property
+    def unit(self) -> float:
+        """What its sigmas are scaled by: sigma nought, 1 where nothing is redundant."""
+        return self.sigma_nought if np.isfinite(self.sigma_nought) else 1.0
+
     def final_status(self, measurement: Measurement) -> tuple[Status, str]:
         """Status and reason of a measurement: what the adjustment left out itself is `unused`."""
         reason = self.rejected.get(measurement.key, "")

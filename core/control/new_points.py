@@ -37,7 +37,7 @@ def places_of_new_points(
         heights: The terrain.
         covariances: Of the photos that took part in it.
     """
-    unit = max(report.sigma_nought, LEAST_UNIT) ** 2
+    unit = max(report.unit, LEAST_UNIT) ** 2
     known = {name: unit * covariance for name, covariance in covariances.items()}
     around = Surroundings(oriented, {}, report.exterior_sigmas, heights, known)
     adjusted = {point.point_id: point for point in report.new_points}

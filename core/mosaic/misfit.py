@@ -314,7 +314,7 @@ def photos_shown(positions: Vectors, seams: Sequence[Seam]) -> tuple[str, ...]:
 def predicted_misfit(positions: Vectors, photos: Sequence[str], errors: BlockErrors) -> Spreads:
     """Covariances that block and reference predict of the misfit at places, square metres."""
     block, shown = errors.report.block, np.array(photos)
-    unit = max(errors.report.sigma_nought, LEAST_UNIT) ** 2
+    unit = max(errors.report.unit, LEAST_UNIT) ** 2
     found = np.full((len(positions), 2, 2), np.nan)
     sigmas = np.array([errors.ortho_sigma_m, errors.ortho_sigma_m, errors.dem_sigma_m])
     for name in sorted(set(photos) & set(errors.covariances) & set(block.photos)):

@@ -18,7 +18,7 @@ def controllability(report: AdjustmentReport) -> dict[tuple[str, str], float]:
     which are observations too: of a point in one photo the coordinates take most of an error up.
     """
     scans = Counter(point_id for point_id, _ in report.redundancy_numbers)
-    unit = max(report.sigma_nought, LEAST_SIGMA)
+    unit = max(report.unit, LEAST_SIGMA)
     found: dict[tuple[str, str], float] = {}
     for key, own in report.redundancy_numbers.items():
         after = report.surveyed_sigmas_m.get(key[0])

@@ -234,7 +234,7 @@ RULES: tuple[Rule, ...] = (
         ("contradicted", "contradicted-far", "contradicted-check", MANY_AGAINST, "agreed"),
         GRUBER,
     ),
-    Rule("sigma", ("sigma", "sigma-off", "sigma-far", "diverged"), GRUBER),
+    Rule("sigma", ("sigma", "sigma-off", "sigma-far", "sigma-none", "diverged"), GRUBER),
     Rule("oriented", ("oriented", "loose"), GRUBER),
     Rule("control", ("control", "control-gaps", "control-few", "control-on-a-line"), INSTRUCTION),
     Rule("strips", ("strip-few",), INSTRUCTION),

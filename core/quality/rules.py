@@ -71,8 +71,8 @@ GRAVITY = (0.0, 0.5, 0.9)  # design: a doubt is open to the operator; a poor blo
 MANY_AGAINST = "contradicted-more"
 """Accepted measurements against the block that are counted, not named."""
 HOLDING_BACK = (
-    "diverged", "sigma-far", "loose", "control-few", "contradicted-far", "checks-over",
-    "read-over",
+    "diverged", "sigma-none", "sigma-far", "loose", "control-few", "contradicted-far",
+    "checks-over", "read-over",
 )  # fmt: skip
 """Findings with which no prediction can be believed: the block is not released."""
 
@@ -200,8 +200,7 @@ def check_release(
     if findings is None:
         findings = judge_block(assess_block(report), report)
     sigmas = {} if influence is None else influence.corner_sigmas()
-    scale = report.sigma_nought if np.isfinite(report.sigma_nought) else 1.0
-    places = {name: scale**2 * np.sum(s**2, axis=1) for name, s in sigmas.items()}
+    places = {name: report.unit**2 * np.sum(s**2, axis=1) for name, s in sigmas.items()}
     every = np.concatenate([np.zeros(0), *places.values()])
     relative = float(np.sqrt(every.mean())) if len(every) else float("nan")
     worst = max(places, key=lambda name: float(places[name].max()), default="")
@@ -268,6 +267,8 @@ def _adjustment_findings(report: AdjustmentReport) -> list[Finding]:
         return [Finding("diverged", POOR)]
     low, high = SIGMA_NOUGHT
     told = {"value": f"{report.sigma_nought:.2f}", "low": f"{low:g}", "high": f"{high:g}"}
+    if not np.isfinite(report.sigma_nought):
+        return [Finding("sigma-none", POOR, {**told, "value": "–"})]
     findings = [Finding("sigma-far", POOR, told)]
     for kind, grave, (least, most) in (
         ("sigma-off", DOUBTFUL, SIGMA_NOUGHT_MOST),

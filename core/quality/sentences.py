@@ -21,6 +21,8 @@ SENTENCES = {
     "fit.",
     "sigma-far": "Sigma nought {value} lies far outside {low} to {high}: nothing that is predicted "
     "of the block can be believed.",
+    "sigma-none": "Sigma nought cannot be stated: no measurement is redundant, so nothing checks "
+    "the block.",
     "class-large": "Residuals of {worst} are {ratio} times as large as their standard deviations "
     "say: a systematic error, or too much trust in them.",
     "control": "{count} control points in {cells} of 9 parts of the block.",

@@ -203,7 +203,7 @@ def worst_ties(state: DeskState) -> dict[int, float]:
     ties, residuals = report.block.ties, report.tie_residuals_px
     if not len(ties.point):
         return {}
-    unit = max(report.sigma_nought, 0.3)
+    unit = max(report.unit, 0.3)
     ratio = np.linalg.norm(residuals, axis=1) / (ties.sigma_px * unit)
     worst = np.zeros(ties.count)
     taking_part = np.isfinite(ratio)

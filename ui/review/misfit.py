@@ -57,7 +57,7 @@ def misfits(
         measurement, point = state.measurement_of(key), state.point_of(key[0])
         if measurement is not None and point is not None and key[1] in oriented.photos:
             by_photo.setdefault(key[1], []).append((measurement, point))
-    unit = max(told.sigma_nought, 0.5)
+    unit = max(told.unit, 0.5)
     found: dict[Key, Misfit] = {}
     for photo_id, within in by_photo.items():
         photo, camera = oriented.photos[photo_id], oriented.camera_of(photo_id)

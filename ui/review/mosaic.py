@@ -374,7 +374,7 @@ def ground_sigma_m(
         photo,
         camera,
         position[None],
-        max(state.report.sigma_nought, LEAST_UNIT) ** 2 * covariances[photo_id],
+        max(state.report.unit, LEAST_UNIT) ** 2 * covariances[photo_id],
         np.array([0.0, 0.0, desk.height_sigma_m]),
     )[0]
     return float(np.sqrt(spread[0, 0])), float(np.sqrt(spread[1, 1]))

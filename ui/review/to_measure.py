@@ -30,7 +30,7 @@ def with_predictions(state: DeskState, dem: HeightSource) -> DeskState:
         state.oriented,
         (*points_of_user(state.block), *(place.point for place in places.values())),
         state.evidence.covariances,
-        state.report.sigma_nought,
+        state.report.unit,
         {name: place.covariance for name, place in places.items()},
     )
     known = replace(

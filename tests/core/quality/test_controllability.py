@@ -7,7 +7,9 @@ import pytest
 
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
+from core.quality.assessment import assess_block
 from core.quality.controllability import UNCHECKED, controllability, unchecked_control
+from core.quality.rules import judge_block
 from tests.flights import FlightPlan, fly
 
 PLAIN = AdjustmentOptions(estimate_cameras=False, robust=False)
@@ -68,3 +70,14 @@ def test_the_least_checked_comes_first__law(adjusted):
         },
     )
     assert unchecked_control(bare) == [second, first]
+
+
+def test_where_nothing_is_redundant_everything_is_unchecked__law():
+    """One photo on three points: sigma nought is not known, and its NaN hid that."""
+    plan = FlightPlan(strips=1, photos_per_strip=1, ties=0, control=3, check=0, camera_errors=False)
+    report = adjust_block(fly(plan, np.random.default_rng(2)).block, PLAIN)
+    assert np.isnan(report.sigma_nought)
+    assert report.unit == 1.0
+    assert report.redundancy_numbers
+    assert set(unchecked_control(report)) == set(report.redundancy_numbers)
+    assert "sigma-none" in {found.kind for found in judge_block(assess_block(report), report)}
