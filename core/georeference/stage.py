@@ -120,18 +120,16 @@ def georeference_photos(
     }
     photos = {n: replace(photo, corrections=source.corrections) for n, photo in photos.items()}
     block = Block(files.crs, cameras, photos)
-    scale = check_scale(files.crs, block.bounds)
     lost = far_from_reference(block, reference) if files.ortho else {}
     set_aside = {name: error.told for name, error in failed.items()} | lost
     block = block.with_photos({n: photo for n, photo in photos.items() if n not in lost})
-    coverage = (
-        check_coverage(reference.dem, reference.ortho, block.bounds)
-        if files.ortho
-        else without_ortho(files, level)
-    )
-    doubts = [doubt for result in placed.values() for doubt in result.doubts]
+    coverage = without_ortho(files, level)
+    if files.ortho:
+        coverage = check_coverage(reference.dem, reference.ortho, block.bounds)
+    doubts = [*check_scale(files.crs, block.bounds), *archive.doubts, *coverage]
+    doubts += [doubt for result in placed.values() for doubt in result.doubts]
     doubts += [Doubt("scan-set-aside", name, why) for name, why in set_aside.items()]
-    doubts += [*scale, *archive.doubts, *coverage, *reference.ortho.notes, *reference.dem.notes]
+    doubts += [*reference.ortho.notes, *reference.dem.notes]
     return Georeferenced(block, placed, set_aside, tuple(doubts))
 
 
