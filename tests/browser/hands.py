@@ -1,6 +1,7 @@
 """What a hand does at the desk, and what an eye reads off it."""
 
 import time
+from contextlib import contextmanager
 
 
 def sigma(page) -> float:
@@ -98,3 +99,20 @@ def place_wrongly(page, away_px: float = 60) -> str:
     becomes(page, point, "accepted")
     settled(page)
     return point
+
+
+WIRE = """open => {
+  const { prototype } = WebSocket;
+  window.known ??= Object.getOwnPropertyDescriptor(prototype, "readyState");
+  const shut = { configurable: true, get: () => WebSocket.CLOSED };
+  Object.defineProperty(prototype, "readyState", open ? window.known : shut);
+}"""
+
+
+@contextmanager
+def wire_cut(page):
+    """A page whose wire to the desk takes nothing for a moment."""
+    caught_up(page)
+    page.evaluate(WIRE, False)
+    yield
+    page.evaluate(WIRE, True)

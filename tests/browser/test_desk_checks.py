@@ -15,7 +15,7 @@ from sessions.decisions import Place, PlanChecks, ReadCheck, Recorded, SignBlock
 from sessions.remarks import standing_faults
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, RealDesk
-from tests.browser.hands import caught_up, settled
+from tests.browser.hands import caught_up, settled, unfold, wire_cut
 
 Sit = Callable[..., Any]
 BIAS_M = np.array([1.2, -0.8])
@@ -318,3 +318,82 @@ def test_a_fault_is_marked_answered_and_closed_in_the_mosaic__truth(
     assert fault.said.place == pytest.approx(at)
     assert [one.words for _, one in fault.answers] == ["seam moved"]
     assert not fault.is_open
+
+
+def test_marks_are_of_the_mosaic_they_were_set_in__law(
+    planned: None, real_desk: RealDesk, sit_at: Sit
+) -> None:
+    page = sit_at(real_desk.desk.url, scene=False)
+    settled(page)
+    open_checks(page)
+    mark_place(page, np.array([1.0, 0.0]))
+    page.evaluate("""async () => {
+      const { showChecks } = await import("/pages/checks.js");
+      const { found } = gruber.checksState();
+      showChecks({ ...found, mosaic: { ...found.mosaic, version: found.mosaic.version + 1 } });
+    }""")
+    assert page.evaluate("gruber.checksState().marks") == [None, None]
+    assert "made anew" in page.inner_text("#checks-state")
+    # Marked again before the desk has told more of its mosaic: it refuses what it does not show.
+    mark_place(page, np.array([1.0, 0.0]))
+    page.keyboard.press("y")
+    page.wait_for_selector(".notice:has-text('made anew')")
+    assert not readings(real_desk)
+
+
+def test_what_cannot_be_sent_stays_where_it_was_made__law(
+    planned: None, real_desk: RealDesk, sit_at: Sit
+) -> None:
+    page = sit_at(real_desk.desk.url, scene=False)
+    settled(page)
+    unfold(page)
+    page.fill("#remark-words", "wet")
+    with wire_cut(page):
+        page.click("#remark-say")
+        page.wait_for_selector(".notice:has-text('No connection')")
+        assert page.input_value("#remark-words") == "wet"
+    page.evaluate("document.activeElement.blur()")
+    open_checks(page)
+    name = mark_place(page, np.array([1.0, 0.0]))
+    with wire_cut(page):
+        page.keyboard.press("y")
+        assert page.evaluate("gruber.checksState().current") == name
+        assert all(page.evaluate("gruber.checksState().marks"))
+    page.keyboard.press("Escape")
+    page.keyboard.press("Shift+I")
+    page.wait_for_function("gruber.maskState().found && gruber.maskState().view.scale > 0")
+    for key in (" ", "ArrowRight", " ", "ArrowDown", " "):
+        page.keyboard.press(key)
+    with wire_cut(page):
+        page.keyboard.press("Enter")
+        assert len(page.evaluate("gruber.maskState().outline")) == 3
+
+
+def test_what_is_said_of_the_mosaic_stays_where_it_cannot_be_sent__law(
+    real_desk: RealDesk, sit_at: Sit
+) -> None:
+    page = sit_at(real_desk.desk.url, scene=False)
+    settled(page)
+    page.keyboard.press("Shift+O")
+    page.wait_for_function("gruber.mosaicState().found?.version > 0", timeout=PATIENCE_MS)
+    page.keyboard.press("Enter")
+    page.fill("#fault-words", "church", timeout=PATIENCE_MS)
+    page.fill("#fault-assigned", "eve")
+    with wire_cut(page):
+        page.click("#fault-mark")
+    page.click("#fault-mark")
+    page.click("[data-fault]")
+    page.fill("#fault-answer", "mended")
+    with wire_cut(page):
+        page.click("#fault-say")
+    page.click("#fault-say")
+    page.wait_for_selector(".fault-thread b")
+    (fault,) = standing_faults(real_desk.session.decisions())
+    assert (fault.said.words, fault.assigned) == ("church", "eve")
+    assert [one.words for _, one in fault.answers] == ["mended"]
+    page.evaluate("document.activeElement.blur()")
+    for key in ("l", " ", "ArrowRight", " "):
+        page.keyboard.press(key)
+    with wire_cut(page):
+        page.keyboard.press("Enter")
+        assert len(page.evaluate("gruber.mosaicState().edit.places")) == 2

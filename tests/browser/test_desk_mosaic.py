@@ -276,3 +276,26 @@ def test_a_place_of_misfit_leads_to_its_cause_and_the_queue__law(
     page.keyboard.press("Enter")
     page.wait_for_selector("#mosaic", state="hidden")
     page.wait_for_function("photo => gruber.parts.queue.filter.photo === photo", arg=other)
+
+
+def test_a_new_mosaic_leaves_the_focus_where_words_are_typed__law(
+    sit_at: Sit, real_desk: RealDesk
+) -> None:
+    """The letters that followed were commands: U undid."""
+    page = sit_at(real_desk.desk.url, scene=False)
+    pane = "document.activeElement.dataset.pane"
+    for _ in range(2):
+        open_mosaic(page)
+        assert page.evaluate(pane) == "right"
+        page.keyboard.press("Escape")
+    open_mosaic(page)
+    page.keyboard.press("Enter")
+    page.click("#fault-words")
+    page.keyboard.type("ch")
+    page.evaluate("""async () => {
+      const { showMosaic } = await import("/pages/mosaic.js");
+      const { found } = gruber.mosaicState();
+      showMosaic({ ...found, version: found.version + 1 });
+    }""")
+    page.keyboard.type("urch")
+    assert page.input_value("#fault-words") == "church"

@@ -64,6 +64,27 @@ def test_a_dropped_list_comes_in_by_its_columns_and_goes_by_one_undo__truth(page
     assert "MT1" not in inputs.session.replayed(inputs.block).surveyed
 
 
+def test_a_list_comes_in_once_however_often_its_button_is_pressed__law(page, inputs):
+    rows = lines().splitlines()[:2]
+    page.evaluate(DROP, ["two.csv", "\n".join(["description;id;X;Y;Z", *rows]) + "\n"])
+    page.wait_for_selector("#points-bring:not([disabled])")
+    twice = "() => { for (const _ of [1, 2]) document.getElementById('points-bring').click(); }"
+    page.evaluate(twice)
+    page.wait_for_function("gruber.parts.rows.some(row => row[0] === 'MT1')")
+    page.keyboard.press("u")
+    page.wait_for_function("!gruber.parts.rows.some(row => row[0] === 'MT1')")
+    page.click("#points-open")
+    for name, value in {"id": "ONE", "X": "0", "Y": "0", "Z": "280"}.items():
+        page.fill(f"#points-one-{name}", value)
+    page.click("#points-one-bring")
+    page.wait_for_selector("#points .bad:has-text('far outside the block')")
+    page.evaluate(twice.replace("points-bring", "points-one-bring"))
+    page.wait_for_selector("#points", state="hidden")
+    page.wait_for_timeout(1000)
+    said = [one.decision for one in inputs.session.decisions()]
+    assert [type(one).__name__ for one in said] == ["BringPoints", "Withdraw", "BringPoints"]
+
+
 def test_a_list_of_nothing_says_so_and_brings_nothing__law(page, inputs):
     page.evaluate(DROP, ["empty.csv", ""])
     page.wait_for_selector("#points[open]")

@@ -29,6 +29,8 @@ class CheckRead:
     mosaic: Place | None
     reference: Place | None
     reason: str
+    version: int
+    """Of the mosaic in which it was marked, as the page was told."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,13 +90,13 @@ def reading_from_message(seat_id: str, message: Mapping[str, Any]) -> CheckRead:
     Raises:
         ValueError: Neither two places nor a reason.
     """
-    reason = str(message.get("reason", ""))
+    reason, version = str(message.get("reason", "")), int(message["version"])
     if reason:
         if reason not in UNREADABLE:
             raise ValueError(reason)
-        return CheckRead(seat_id, str(message["place"]), None, None, reason)
+        return CheckRead(seat_id, str(message["place"]), None, None, reason, version)
     mosaic, reference = _place(message["mosaic"]), _place(message["reference"])
-    return CheckRead(seat_id, str(message["place"]), mosaic, reference, "")
+    return CheckRead(seat_id, str(message["place"]), mosaic, reference, "", version)
 
 
 def _words(message: Mapping[str, Any], name: str) -> str:

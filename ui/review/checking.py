@@ -51,6 +51,9 @@ def decided_judgement(
 ) -> tuple[tuple[Decision, ...], Notice | None]:
     """The decision of a gesture, or what stands against it."""
     if isinstance(gesture, CheckRead):
+        shown = desk.state.mosaic
+        if shown is not None and gesture.version != shown.version:
+            return (), Notice("notice.check-renewed", grave=True)
         return decided_reading(gesture, desk.recorded, desk.mosaic_version), None
     if isinstance(gesture, Remarked):
         return ((gesture.said,) if _is_there(gesture.said, desk) else ()), None

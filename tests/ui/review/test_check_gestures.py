@@ -10,16 +10,17 @@ from sessions.decisions import FAULT_KINDS, Remark
 from ui.review.check_gestures import BlockSigned, CheckRead, Remarked
 from ui.review.gestures import gesture_from_message
 
-READ = {"kind": "check-read", "place": "1-01", "mosaic": [10.5, 20], "reference": [10, 20.25]}
+READ = {"kind": "check-read", "place": "1-01", "mosaic": [10.5, 20], "reference": [10, 20.25],
+        "version": 7}  # fmt: skip
 
 
 def test_two_places_or_a_reason_are_a_reading__law() -> None:
     read = gesture_from_message("s", READ)
-    assert read == CheckRead("s", "1-01", (10.5, 20.0), (10.0, 20.25), "")
+    assert read == CheckRead("s", "1-01", (10.5, 20.0), (10.0, 20.25), "", 7)
     not_seen = gesture_from_message(
-        "s", {"kind": "check-read", "place": "1-01", "reason": "hidden"}
+        "s", {"kind": "check-read", "place": "1-01", "reason": "hidden", "version": 7}
     )
-    assert not_seen == CheckRead("s", "1-01", None, None, "hidden")
+    assert not_seen == CheckRead("s", "1-01", None, None, "hidden", 7)
 
 
 @pytest.mark.parametrize(
@@ -30,6 +31,7 @@ def test_two_places_or_a_reason_are_a_reading__law() -> None:
         {"reference": [float("nan"), 0]},
         {"mosaic": [1e12, 0]},
         {"reason": "because"},
+        {"version": None},
     ],
 )
 def test_half_a_reading_is_none__truth(wrong: dict[str, object]) -> None:

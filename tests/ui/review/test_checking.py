@@ -47,7 +47,7 @@ def read(place: str, east: float, version: str = VERSION) -> ReadCheck:
 
 
 def test_a_reading_is_of_a_planned_place_in_the_mosaic_on_disk__law() -> None:
-    seen = CheckRead("s", "1-01", (1.0, 2.0), (1.5, 2.0), "")
+    seen = CheckRead("s", "1-01", (1.0, 2.0), (1.5, 2.0), "", 7)
     assert decided_reading(seen, recorded(), VERSION) == (
         ReadCheck("1-01", (1.0, 2.0), (1.5, 2.0), VERSION),
     )
@@ -57,7 +57,7 @@ def test_a_reading_is_of_a_planned_place_in_the_mosaic_on_disk__law() -> None:
 
 
 def test_a_surveyed_point_stays_where_it_was_surveyed__law() -> None:
-    seen = CheckRead("s", "1-03", (301.0, 151.0), (999.0, 999.0), "")
+    seen = CheckRead("s", "1-03", (301.0, 151.0), (999.0, 999.0), "", 7)
     (decided,) = decided_reading(seen, recorded(), VERSION)
     assert decided.reference == (300.0, 150.0)
 

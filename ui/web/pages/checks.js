@@ -31,6 +31,8 @@ const state = {
   drafts: new Map(),
   /** The reading that was asked about: once more keeps it. */
   doubted: "",
+  /** True where marks were left behind in an earlier mosaic. */
+  left: false,
   /** Ends a plan that is being drawn, and how far it is. */
   drawing: /** @type {AbortController | null} */ (null),
   drawn: { grid: 0, share: 0 },
@@ -82,8 +84,10 @@ const isDone = (/** @type {CheckedPlace} */ { state: known }) =>
 export function showChecks(found) {
   const sheet = byId("checks");
   if (!sheet.open) return;
-  const before = now();
+  const [before, shown] = [now(), state.found?.mosaic?.version];
+  const had = state.drafts.has(draftName());
   state.found = found;
+  const renewed = Boolean(before) && shown !== found.mosaic?.version;
   const why = !found.plan ? "checks.none" : !found.mosaic ? "checks.no-mosaic"
     : !start.ortho ? "checks.no-ortho" : "";
   if (why) {
@@ -102,7 +106,7 @@ export function showChecks(found) {
     ?? found.places[0];
   renew(first(".view-body", sheet), () =>
     [head(found, place), rooms(), ...(state.asking ? [whyNot()] : [])]);
-  if (place.place !== state.current) choose(place);
+  if (place.place !== state.current || renewed) choose(place, renewed && had);
   else if (state.waiting && place.decision !== state.waiting.decision) goOn();
   redraw();
 }
@@ -190,6 +194,7 @@ const button = (name, key, does, off = false) => element("button", {
 /** @param {CheckedPlace} place */
 function stateOf({ after, state: known, reason }) {
   if (state.drafts.has(draftName())) return word("checks.state.draft");
+  if (state.left) return word("checks.state.left");
   if (known === "unreadable") return word(`unreadable.${reason}`);
   const beside = placeNamed(after);
   if (known === "read" && beside && beside.state !== "unreadable") {
@@ -237,13 +242,13 @@ function refresh() {
   if (state.found) showChecks(state.found);
 }
 
-/** @param {CheckedPlace} place */
-function choose(place) {
+/** @param {CheckedPlace} place @param {boolean} [left] its marks are of an earlier mosaic */
+function choose(place, left = false) {
   const own = place.marks ?? [null, place.surveyed ? place.at : null];
   const last = Math.max(state.panes.findIndex(({ room: pane }) => pane === focused()), 0);
   Object.assign(state, {
     current: place.place, marks: [...state.drafts.get(draftName(place.place)) ?? own], last,
-    asking: false, doubted: "", waiting: null,
+    asking: false, doubted: "", waiting: null, left,
   });
   fit();
   refresh();
@@ -291,8 +296,8 @@ function keep() {
     return refresh();
   }
   const round = (/** @type {Pair} */ pair) => pair.map((value) => Math.round(value * 1000) / 1000);
-  send({ kind: "check-read", place: place.place, mosaic: round(mosaic),
-    reference: round(reference) });
+  if (!send({ kind: "check-read", place: place.place, mosaic: round(mosaic),
+    reference: round(reference), version: state.found?.mosaic?.version })) return undefined;
   state.drafts.delete(draftName());
   goOn();
 }
@@ -313,7 +318,8 @@ function ask() {
 function unreadable(reason) {
   state.asking = false;
   // The spare that follows comes with the answer.
-  if (send({ kind: "check-read", place: state.current, reason })) {
+  if (send({ kind: "check-read", place: state.current, reason,
+    version: state.found?.mosaic?.version })) {
     state.waiting = { decision: now()?.decision };
     state.drafts.delete(draftName());
   }

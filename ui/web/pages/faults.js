@@ -36,9 +36,10 @@ export function markFault(picked) {
       : word("fault.of.mosaic"))));
   const mark = () => {
     const about = state.of ? { subject: "photo", name: state.of } : { subject: "place" };
-    send({ kind: "remark", ...about, place: picked.place.slice(0, 2), fault: state.kind,
-      words: state.words, assigned: state.assigned });
-    Object.assign(state, { words: "", assigned: "" });
+    if (send({ kind: "remark", ...about, place: picked.place.slice(0, 2), fault: state.kind,
+      words: state.words, assigned: state.assigned })) {
+      Object.assign(state, { words: "", assigned: "" });
+    }
   };
   return [element("div", { class: "acts fault-form" }, kind, of, field("words", "fault.words"),
     field("assigned", "fault.assigned"), element("button", { id: "fault-mark", onclick: mark,
@@ -75,8 +76,8 @@ export function faultList({ faults = [] }, ask, changed) {
 /** @param {Fault} fault */
 function thread({ id, open, said }) {
   const answer = (/** @type {boolean | null} */ closes) => {
-    send({ kind: "remark", subject: "decision", name: `${id}`, words: state.answer, closes });
-    state.answer = "";
+    if (send({ kind: "remark", subject: "decision", name: `${id}`, words: state.answer,
+      closes })) state.answer = "";
   };
   const turn = open ? "fault.close" : "fault.open-again";
   const lines = said.map(({ who, when, words, closes }) => element("p", {},

@@ -222,11 +222,9 @@ function finish() {
   const { outline, hides, camera, current } = state;
   const width = reachPx();
   if (outline.length && outline.length < 3 && !width) return tell("mask.few");
-  state.outline = [];
   tell("");
-  if (outline.length > 2 || (width && outline.length)) {
-    send({ kind: "draw", photo: current, outline: thinned(outline), width, hides, camera });
-  }
+  if (!outline.length || send({ kind: "draw", photo: current, outline: thinned(outline), width,
+    hides, camera })) state.outline = [];
   redraw();
 }
 

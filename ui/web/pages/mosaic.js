@@ -31,6 +31,8 @@ const state = {
   before: /** @type {Mosaic | null} */ (null),
   /** A place to go to once the mosaic is told. */
   wanted: /** @type {Pair | null} */ (null),
+  /** True from opening the sheet until its picture took the keys. */
+  opened: false,
   /** Questions are numbered, also those of a page that was loaded anew. */
   number: Date.now(),
   look: { mode: "side", share: 0.5, seams: true, borders: false, wallis: false, blink: false },
@@ -105,7 +107,7 @@ export function openMosaic(place) {
   if (sheet.open) return sheet.close();
   if (!sheet.querySelector("#mosaic-panes")) build();
   sheet.showModal();
-  state.wanted = place ?? null;
+  Object.assign(state, { wanted: place ?? null, opened: true });
   send({ kind: "sheet", sheet: "mosaic", shown: true });
   if (state.found) showMosaic(state.found);
   return undefined;
@@ -218,11 +220,11 @@ export function showMosaic(found) {
   byId("mosaic-none").hidden = found.version > 0;
   first(".two-rooms", byId("mosaic")).hidden = !found.version;
   if (found.version && !state.view.scale) fit();
+  const { opened, wanted } = state;
   // The picture takes the keys, so that Space blinks and no button is pressed.
-  if (found.version && fresh) state.panes[1].room.focus({ preventScroll: true });
-  const { wanted } = state;
+  if (found.version && opened) state.panes[1].room.focus({ preventScroll: true });
   if (found.version && wanted) ask(wanted);
-  state.wanted = null;
+  Object.assign(state, { wanted: null, opened: opened && !found.version });
   refresh();
 }
 

@@ -79,9 +79,8 @@ function finish() {
   const { tool, places, photo } = state;
   const most = (/** @type {number} */ value) => Math.round(value * 100) / 100;
   if (places.length < (tool === "area" ? 3 : 2)) return;
-  send({ kind: "seam", photo: tool === "area" ? photo : "",
-    places: places.map((place) => place.map(most)) });
-  state.places = [];
+  if (send({ kind: "seam", photo: tool === "area" ? photo : "",
+    places: places.map((place) => place.map(most)) })) state.places = [];
   state.changed();
 }
 

@@ -108,8 +108,7 @@ function saying([point, photo], history) {
     const [subject, ...rest] = choice.value.split("/");
     const words = field.value.trim();
     if (!words) return;
-    send({ kind: "remark", subject, name: rest.join("/"), words });
-    field.value = "";
+    if (send({ kind: "remark", subject, name: rest.join("/"), words })) field.value = "";
   };
   return [element("form", { class: "acts fault-form", onsubmit: say }, choice, field,
     element("button", { type: "submit", id: "remark-say", class: "small" }, word("remark.say")))];

@@ -20,6 +20,8 @@ const state = {
   error: "",
   /** The typed point of which it was said that it lies far from the block. */
   far: "",
+  /** True while a list or a point comes in. */
+  bringing: false,
   /** How often the list was read; only the last answer counts. */
   turn: 0,
 };
@@ -58,9 +60,21 @@ function take(files) {
 /** @param {string} act @param {Blob} data @param {string} name @param {object} reading */
 async function ask(act, data, name, reading) {
   const asked = new URLSearchParams({ name, seat: start.seat, reading: JSON.stringify(reading) });
-  const answer = await fetch(`/points/${act}?${asked}`, { method: "POST", body: data });
+  const answer = await fetch(`/points/${act}?${asked}`, { method: "POST", body: data })
+    .catch(() => null);
+  if (!answer) return { error: word("notice.wire") };
   if (!answer.ok && answer.status !== 409) return { error: await answer.text() };
   return answer.json();
+}
+
+/** Brought once, however often it is pressed. @param {Parameters<typeof ask>} what */
+async function bring(...what) {
+  if (state.bringing) return null;
+  state.bringing = true;
+  if (state.data) draw();
+  const answer = await ask(...what);
+  state.bringing = false;
+  return answer;
 }
 
 async function readAgain() {
@@ -131,7 +145,8 @@ const foreignPreview = ({ counts, notes }) => element("ul", { class: "points-sai
   ...notes.map((note) => element("li", {}, again(note))));
 
 const bringForeign = () => element("button", { id: "points-bring", class: "primary",
-  onclick: bringList, disabled: !Object.keys(state.foreign?.counts ?? {}).length },
+  onclick: bringList,
+  disabled: state.bringing || !Object.keys(state.foreign?.counts ?? {}).length },
 word("points.bring.foreign"));
 
 /** @param {ReadList} found */
@@ -253,7 +268,7 @@ function refusedRows({ refused, refused_count: count }) {
 /** @param {ReadList} found */
 function bringButton({ points, questions, replaced }) {
   const button = element("button", { id: "points-bring", class: "primary", onclick: bringList,
-    disabled: questions.length > 0 || !points.length },
+    disabled: state.bringing || questions.length > 0 || !points.length },
     word("points.bring", { count: points.length }));
   const note = questions.length ? word("points.ask.first")
     : replaced ? word("points.replaced", { count: replaced }) : "";
@@ -262,7 +277,8 @@ function bringButton({ points, questions, replaced }) {
 
 async function bringList() {
   if (!state.data) return;
-  const answer = await ask("bring", state.data, state.name, state.reading);
+  const answer = await bring("bring", state.data, state.name, state.reading);
+  if (!answer) return;
   state.error = answer.error ? again(answer.error) : "";
   if (answer.brought) byId("points").close();
   else draw();
@@ -314,7 +330,8 @@ async function bringTyped(event) {
   const text = `${names.join("\t")}\n${plain.join("\t")}\n`;
   const reading = { encoding: "utf-8", delimiter: "\t", decimal: ".", header: true, axes: "E N",
     columns: names, ...(state.far === text ? { outside: "keep", heights: "keep" } : {}) };
-  const answer = await ask("bring", new Blob([text]), "", reading);
+  const answer = await bring("bring", new Blob([text]), "", reading);
+  if (!answer) return;
   if (answer.brought) {
     byId("points").close();
     return;
