@@ -141,9 +141,8 @@ def known_places(products: Products) -> tuple[FaultPlace, ...]:
 
 def _errors(given: BlockInput, report: AdjustmentReport, dem: Dem) -> BlockErrors:
     """What block and reference predict of the misfit."""
-    influence = influence_of(
-        report, given.adjustment, terrain=lambda points: dem.heights(points[:, :2])
-    )
+    options = report.options or given.adjustment
+    influence = influence_of(report, options, terrain=lambda points: dem.heights(points[:, :2]))
     covariances = {} if influence is None else covariances_of(influence)
     files = given.reference
     return BlockErrors(report, covariances, dem, files.ortho_sigma_m, files.dem_sigma_m)

@@ -374,7 +374,7 @@ class Run:
         return ReportContent(
             name=self.project.block.name,
             report=self.adjusted,
-            adjustment=self.given.adjustment,
+            adjustment=self.adjusted.options or self.given.adjustment,
             before=made(self.results.georeference).block,
             heights=self.project.block.heights,
             doubts=self.doubts,

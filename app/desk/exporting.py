@@ -4,29 +4,48 @@ import asyncio
 import shutil
 import threading
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from aiohttp import web
 
+from app.desk.background import Adjust
 from app.exchange import Exported, export_block, format_names
-from app.project import Project, read_project
-from app.run import Run, RunOptions
-from app.terminal import LastingConsole, Terminal
+from app.project import Project
+from core.adjustment.adjusted import AdjustmentReport
+from core.block import Block
 from core.formats.exchange_formats import FORMATS
 from core.progress import SILENT
 from sessions.atomic_write import whole_file
 from sessions.session import RESULTS, Session
+from ui.review.state import InitialState
 from ui.web.running import json_of, operators_only, told
 
 
-def standing_export(project: Project, name: str, pictures: bool = False) -> Exported:
+@dataclass(frozen=True, slots=True, eq=False)
+class Standing:
+    """What the desk shows: its block with the decisions that stand, adjusted as it adjusts."""
+
+    block: Block
+    """As the engine left it."""
+    initial: InitialState
+    """What the photos began from."""
+    adjust: Adjust
+    """(block, progress) -> report."""
+
+    def __call__(self, session: Session) -> AdjustmentReport:
+        """Nothing of the engine is made again for it."""
+        block = session.replayed(self.block, self.initial.films, self.initial.cameras)
+        return self.adjust(block, SILENT)
+
+
+def standing_export(
+    project: Project, standing: Standing, name: str, pictures: bool = False
+) -> Exported:
     """The block as all decisions leave it, in `results/export`."""
-    voice = Terminal(LastingConsole(quiet=True))
     with Session.open(project.folder, "gruber") as session:
-        walk = Run(project, session, voice, RunOptions(last="adjustment"))
-        walk.walk()
-        report = walk.adjusted
+        report = standing(session)
         return export_block(
             session, report.block, report, name, None, pictures=pictures, progress=SILENT,
             taken=project.taken,
@@ -51,14 +70,13 @@ def upright_formats() -> list[str]:
     return [name for name in titles() if FORMATS[name].holds == "upright"]
 
 
-def export_routes(project_file: Path) -> tuple[web.RouteDef, ...]:
+def export_routes(project: Project, standing: Standing) -> tuple[web.RouteDef, ...]:
     """`POST /export/NAME`, for operators; one is written at a time."""
     turn = threading.Lock()
 
     def write(name: str, pictures: bool) -> dict[str, Any]:
         with turn:
-            project = read_project(project_file)
-            done = standing_export(project, name, pictures)
+            done = standing_export(project, standing, name, pictures)
             file = done.path if done.path.is_file() else zip_folder(done.path)
         inside = file.relative_to(project.folder / RESULTS).as_posix()
         return {"file": inside, "notes": done.notes}

@@ -12,7 +12,7 @@ from aiohttp import web
 
 from app.bring_points import brought_points
 from app.desk.background import Adjust, Fill, Remake
-from app.desk.exporting import export_routes
+from app.desk.exporting import Standing, export_routes
 from app.desk.measuring import Errors, Filling, PhotoToPhoto
 from app.desk.mosaic import MosaicFile, sheet_routes
 from app.mosaic import make_change, make_mosaic
@@ -140,8 +140,10 @@ class DeskInputs:
     """Accuracy of ortho (east, north) and DEM, metres: of points chosen at the desk."""
     initial: InitialState = NOTHING_INITIAL
     """What the photos began from: scans as they were found."""
-    choose: Callable[[bool, bool], None] | None = None
+    choose: Callable[[bool, bool], tuple[bool, bool]] | None = None
     """(cameras, robust): what adjustments from now on estimate and how; None where it is fixed."""
+    free: tuple[bool, bool] = (True, True)
+    """Whether cameras are estimated, and gross errors looked for, as the desk opens."""
     evidence: Callable[[AdjustmentReport], Evidence] = no_evidence
     """What the equations of an adjustment tell beside its report."""
     transfer: PhotoToPhoto | None = None
@@ -188,7 +190,8 @@ class DeskInputs:
 def first_state(desk: DeskInputs) -> DeskState:
     """The block and its adjustment as the desk opens."""
     made = made_with(desk.report.block) if desk.made is None else desk.made
-    return desk.files(DeskState(desk.block, desk.report, made=made, written_of=desk.written_of))
+    latest, free = desk.written_of, desk.free
+    return desk.files(DeskState(desk.block, desk.report, made, written_of=latest, free=free))
 
 
 def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
@@ -234,8 +237,8 @@ def desk_inputs(
     opened = photographs(scans, initial)
     compared = Comparing(reference, given.control.orientation, opened)
     adjusting = adjusting_of(given, reference)
-    report = adjusting(session.replayed(block, initial.films, initial.cameras))
-    made, latest = last_results(session, block)
+    standing = Standing(block, initial, adjusting)
+    report, (made, latest) = standing(session), last_results(session, block)
     return DeskInputs(
         name=project.block.name,
         block=block,
@@ -247,13 +250,14 @@ def desk_inputs(
         read_scan=scans,
         adjust=adjusting,
         choose=adjusting.choose,
+        free=adjusting.free,
         evidence=adjusting.evidence,
         initial=initial,
         placing=standing_block(given, session, reference, placed),
         running=Running(project.file),
         doubts=(*(localised.doubts if localised else ()), *assembly.doubts),
         reference_sigma_m=(files.ortho_sigma_m, files.ortho_sigma_m, files.dem_sigma_m),
-        routes=(*export_routes(project.file), *sheet_routes(project.file)),
+        routes=(*export_routes(project, standing), *sheet_routes(project.file)),
         results=session.results,
         mosaic=MosaicFile(session, block.crs),
         remake=OrthoMaker(project, reference, operator),
@@ -294,22 +298,22 @@ class Adjusting:
     def __init__(self, options: AdjustmentOptions, terrain: Terrain | None = None) -> None:
         self._given = self._options = options
         self._terrain = terrain
-        self._made: tuple[AdjustmentReport | None, AdjustmentOptions] = None, options
+
+    @property
+    def free(self) -> tuple[bool, bool]:
+        """Whether cameras are estimated, and whether gross errors are looked for."""
+        return self._options.estimate_cameras, self._options.robust
 
     def __call__(self, block: Block, progress: Progress = SILENT) -> AdjustmentReport:
         """Adjust until no gross error is left."""
         options = self._options
         adjusted = adjusted_without_gross if options.robust else adjust_block
-        report = adjusted(block, options, progress, self._terrain)
-        self._made = report, options
-        return report
+        return adjusted(block, options, progress, self._terrain)
 
     def evidence(self, report: AdjustmentReport) -> Evidence:
         """What looking at each measurement and measuring more is expected to bring."""
         # The equations are those of the report, whatever has been chosen since.
-        last, options = self._made
-        options = options if last is report else self._options
-        influence = influence_of(report, options, SILENT, self._terrain)
+        influence = influence_of(report, report.options or self._given, SILENT, self._terrain)
         if influence is None:
             return NO_EVIDENCE
         block, covariances = report.block, covariances_of(influence)
@@ -323,10 +327,11 @@ class Adjusting:
             JointErrors(influence, report.unit),
         )
 
-    def choose(self, cameras: bool, robust: bool) -> None:
-        """Estimate the cameras or not, look for gross errors or not, from now on."""
+    def choose(self, cameras: bool, robust: bool) -> tuple[bool, bool]:
+        """Estimate cameras if the block may, look for gross errors or not, from now on: `free`."""
         free = cameras and self._given.estimate_cameras
         self._options = replace(self._given, estimate_cameras=free, robust=robust)
+        return self.free
 
 
 @dataclass(frozen=True, slots=True)

@@ -315,8 +315,8 @@ class ReviewLoop:
             case "answer" if isinstance(gesture, AnswerAsked):
                 self._screen.show(seat.seat_id, {"answered": gesture.number})
             case "free" if isinstance(gesture, Freed) and self._inputs.choose is not None:
-                self._inputs.choose(gesture.cameras, gesture.robust)
-                self._change_state(free=(gesture.cameras, gesture.robust), adjusting=True)
+                free = self._inputs.choose(gesture.cameras, gesture.robust)
+                self._change_state(free=free, adjusting=True)
                 self._adjust_due = True
             case "undo" | "redo":
                 self._turn_back(act, seat)

@@ -288,7 +288,7 @@ def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:
         "formats": titles() if desk.routes else {},
         "upright": upright_formats() if desk.routes else [],
         "imports": import_titles() if desk.routes else {},
-        "free": desk.choose is not None,
+        "free": [] if desk.choose is None else [desk.free[0], True],
         "fill": desk.fill is not None,
         "ortho": desk.has_ortho,
         "placeable": desk.placing is not None,

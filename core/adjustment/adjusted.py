@@ -230,6 +230,8 @@ class AdjustmentReport:
     for each, less where they share what the block is off."""
     condition: float = float("nan")
     """By how much the photos' unknowns at most increase each other's variances; 1 is best."""
+    options: AdjustmentOptions | None = None
+    """What it was adjusted with; None where an earlier version kept the report."""
 
     @property
     def unit(self) -> float:

@@ -81,13 +81,14 @@ def adjust_with_solution(
     sound = check_input(block)
     network = network_of(sound.block, options)
     if not network.photos:
-        return report_without_adjustment(block, sound), None
+        return replace(report_without_adjustment(block, sound), options=options), None
     with one_thread(network.shared):
         taken = loosen_datum(network) if options.free_network else network
         solution = solve_network(taken, options, terrain, progress)
         if options.free_network:
             solution = lay_on_control(solution, network)
-        return report_of(block, sound, solution, options.risk), solution
+        report = report_of(block, sound, solution, options.risk)
+        return replace(report, options=options), solution
 
 
 def one_thread(shared: int) -> AbstractContextManager[object]:

@@ -52,7 +52,8 @@ interface Start {
   upright: string[];
   /** What can be brought of other programs: titles by name. */
   imports: Record<string, string>;
-  free: boolean;
+  /** Whether estimating cameras, and leaving out gross errors, is chosen here; empty if neither. */
+  free: boolean[];
   /** Whether marks can be found by an example. */
   fill: boolean;
   /** On the placing page only. */

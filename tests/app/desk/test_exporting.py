@@ -8,9 +8,14 @@ import pytest
 
 from app import exchange
 from app.desk import exporting
-from app.desk.exporting import export_routes, titles
+from app.desk.exporting import titles
+from app.desk.inputs import desk_inputs
+from app.project import read_project
 from core.errors import ProjectError
 from core.formats.exchange import Conventions, ExchangeBlock, ExchangeFormat
+from core.pipeline import STAGES
+from sessions.decisions import PlaceFiducial
+from sessions.session import Session
 from tests.tiny import Tiny
 from tests.ui.web.visits import visited
 from ui.web.front import result_routes
@@ -44,8 +49,16 @@ def asked(tiny: Tiny, address: str = "/export/any", guest: bool = False):
             file = await (await client.get(f"/results/{said['file']}")).read()
         return answer.status, said, file
 
-    routes = [*export_routes(tiny.folder / "block.toml"), *result_routes(tiny.folder / "results")]
-    return visited(routes, visit, guest)
+    with Session.open(tiny.folder, "anna") as session:
+        desk = desk_inputs(read_project(tiny.folder / "block.toml"), session, "anna", "", 0)
+        return visited([*desk.routes, *result_routes(tiny.folder / "results")], visit, guest)
+
+
+def made_when(session: Session) -> dict[str, int]:
+    """When each stage of the engine was made."""
+    folder = session.products.folder
+    paths = [path for stage in STAGES for path in (folder / stage.name).rglob("*.value")]
+    return {str(path): path.stat().st_mtime_ns for path in paths}
 
 
 def test_a_folder_is_taken_as_one_file__truth(
@@ -64,6 +77,24 @@ def test_a_single_file_is_taken_as_it_is__truth(
 ) -> None:
     giving(monkeypatch, folder=False)
     assert asked(tiny_run)[2].decode().split() == tiny_run.names
+
+
+def test_an_export_makes_nothing_of_the_engine_again__law(
+    tiny_run: Tiny, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One corrected fiducial, and localisation, ties and control were computed within the POST."""
+    giving(monkeypatch, folder=False)
+    name = tiny_run.names[0]
+    with Session.open(tiny_run.folder, "anna") as session:
+        before = made_when(session)
+        found = session.products.latest_value("scans").oriented[name].interior
+        column, row = found.pixels[0].tolist()
+        session.record(PlaceFiducial(name, found.names[0], column + 0.4, row))
+    status, _, file = asked(tiny_run)
+    with Session.open(tiny_run.folder, "anna") as session:
+        session.undo()
+        assert made_when(session) == before
+    assert (status, file.decode().split()) == (200, tiny_run.names)
 
 
 def test_an_error_is_told__law(tiny_run: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """What the desk begins with: sizes, orientations and the secret that a page is let in by."""
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -49,7 +50,8 @@ def test_a_template_is_as_wide_as_its_pixels_on_the_ground__truth():
 
 def test_cameras_stay_fixed_where_the_block_says_so__law():
     adjusting = Adjusting(OPTIONS)
-    adjusting.choose(cameras=True, robust=True)
+    assert adjusting.free == (False, False)
+    assert adjusting.choose(cameras=True, robust=True) == (False, True)
     assert adjusting._options == replace(OPTIONS, robust=True)
     free = Adjusting(AdjustmentOptions(estimate_cameras=True))
     free.choose(cameras=False, robust=False)
@@ -158,6 +160,28 @@ def test_updated_orthos_bring_updated_sheets__truth(tiny_run: Tiny, tmp_path: Pa
     with pytest.raises(PhotogrammetryError, match="klad"):
         inputs.remake((name,), SILENT, report)
     assert mosaic.stat().st_mtime_ns == made
+
+
+def test_boxes_and_protocol_tell_what_the_desk_adjusts_with__truth(
+    tiny_run: Tiny, tmp_path: Path
+) -> None:
+    """Both boxes stood ticked whatever block.toml says, and so said the protocol of an update."""
+    folder = tmp_path / "block"
+    shutil.copytree(tiny_run.folder, folder)
+    file = folder / "block.toml"
+    given = file.read_text(encoding="utf-8")
+    file.write_text(f'{given}\n[adjustment]\ncameras = false\ngross_errors = "none"\n', "utf-8")
+    with Session.open(folder, "anna") as session:
+        fixed = inputs_of(read_project(folder), session, "anna", "127.0.0.1", 0)
+        assert first_state(fixed).free == (False, False)
+        file.write_text(given, encoding="utf-8")
+        inputs = inputs_of(read_project(folder), session, "anna", "127.0.0.1", 0)
+    assert first_state(inputs).free == (True, True)
+    assert inputs.choose is not None
+    inputs.choose(False, True)
+    inputs.remake((), SILENT, inputs.adjust(inputs.block, SILENT))
+    said = json.loads((folder / "results" / "adjustment.json").read_text(encoding="utf-8"))
+    assert said["options"]["cameras_estimated"] is False
 
 
 def shown(sheet: Path, mosaic: Path) -> tuple[np.ndarray, np.ndarray]:

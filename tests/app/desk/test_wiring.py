@@ -45,7 +45,11 @@ def test_a_page_is_told_what_it_needs_once__law(inputs):
     # What is fitted into a pane is the ortho, without the rest of its last tile.
     west, south, east, north = inputs.ortho.bounds
     assert (start["lattice"]["width"], start["lattice"]["height"]) == (east - west, north - south)
-    assert (start["results"], start["free"]) == (False, False)
+    assert (start["results"], start["free"]) == (False, [])
+    fixed = replace(inputs, free=(False, False), choose=lambda cameras, robust: (False, robust))
+    with open_desk(fixed) as desk:
+        start = told(desk.port, "/start", f"{desk._front.access.cookie}={'t' * 32}")
+    assert start["free"] == [False, True], "cameras that the block holds cannot be freed here"
 
 
 def test_the_scene_has_its_ground_before_the_ortho_is_read__law(inputs, monkeypatch):

@@ -458,7 +458,7 @@ function adjustments(found) {
   const [one, other] = pair.map((wanted, place) => choice(milestones, wanted, place));
   return element("div", { class: "pair" },
     part("compared", element("p", {}, one, " \u2192 ", other), element("table", {}, ...lines),
-      ...(start.free ? [freed(found)] : [])),
+      ...(start.free.length ? [freed(found)] : [])),
     part("shifts", element("table", {}, ...shifts)));
 }
 
@@ -484,7 +484,8 @@ function choice(milestones, chosen, place) {
 /** What the adjustment estimates; every change runs it again. @param {Quality} found */
 function freed(found) {
   const boxes = ["cameras", "robust"].map((option, place) => {
-    const attributes = { "data-free": option, checked: found.free[place], disabled: start.guest };
+    const disabled = start.guest || !start.free[place];
+    const attributes = { "data-free": option, checked: found.free[place], disabled };
     const box = element("input", { type: "checkbox", ...attributes });
     box.addEventListener("change", () => {
       const asked = /** @type {HTMLInputElement[]} */ (all("[data-free]", byId("quality")));
