@@ -164,6 +164,14 @@ REFERENCE = (
     Key("buildings", "file"),
     Key("bridges", "file"),
     Key("mask", "file", asked="more"),
+    Key("other", "tables"),
+)
+OTHER = (
+    Key("ortho", "rasters", []),
+    Key("dem", "rasters", []),
+    Key("year", "number", unit=YEARS),
+    Key("ortho_sigma_m", "number", unit=METRES),
+    Key("dem_sigma_m", "number", unit=METRES),
 )
 CONTROL = (
     Key("points", "file", asked="more"),
@@ -216,6 +224,7 @@ TABLES: Mapping[str, tuple[Key, ...]] = {
     "scans": SCANS,
     "scans.override": OVERRIDE,
     "reference": REFERENCE,
+    "reference.other": OTHER,
     "control": CONTROL,
     "adjustment": ADJUSTMENT,
     "surface": SURFACE,

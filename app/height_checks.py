@@ -1,6 +1,6 @@
 """Check before and after a run that block, DEM and point list use one height system."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import rasterio
@@ -10,8 +10,11 @@ from app.project import Project, reference_sigmas_m
 from core.arrays import ObjectPoints
 from core.block import UNKNOWN_M, SurveyedPoint
 from core.doubts import Doubt
+from core.errors import PhotogrammetryError
+from core.geometry.crs import shared_bounds
 from core.geometry.heights import ELLIPSOIDAL, height_offset, height_system, vertical_of
-from core.raster.dem import HeightSource
+from core.matching.reference import DEM_SIGMA
+from core.raster.dem import Dem, HeightSource, open_dem
 from core.results import StageResults
 from core.said import Said, say
 
@@ -31,6 +34,8 @@ def height_doubts(
         file = "" if project.control.points is None else project.control.points.name
         own = offset_told(file, surveyed, dem, reference_sigmas_m(project)[1])
         told += [own] if own is not None else []
+    if project.reference.dem and isinstance(dem, Dem):
+        told += _other_heights(project, dem)
     return tuple(Doubt("heights", "heights", one) for one in told)
 
 
@@ -79,6 +84,38 @@ def offset_told(
         offset=found.offset_m,
         scatter=found.scatter_m,
     )
+
+
+# design: a tenth of them on houses or in woods decides nothing
+SIDE = 20
+"""So many heights are compared along each side of what two terrain models share."""
+
+
+def _other_heights(project: Project, dem: Dem) -> Iterator[Said]:
+    """What is wrong with further heights, which may be of another system than those in use."""
+    own_sigma_m = reference_sigmas_m(project)[1]
+    for other in project.reference.other:
+        try:
+            heights = open_dem(other.dem, project.block.crs) if other.dem else None
+        except PhotogrammetryError as error:
+            yield error.told
+            continue
+        if heights is None:
+            continue
+        west, south, east, north = shared_bounds(dem.bounds, heights.bounds)
+        across, along = np.linspace(west, east, SIDE), np.linspace(south, north, SIDE)
+        places = np.array(np.meshgrid(across, along), dtype=np.float64).reshape(2, -1).T
+        sigma_m = other.dem_sigma_m or DEM_SIGMA.expected_m(heights.ground_sample_distance_m)
+        allowed = np.full(len(places), np.hypot(own_sigma_m, sigma_m))
+        found = height_offset(heights.heights(places), dem.heights(places), allowed)
+        if found is not None:
+            yield say(
+                "{name}: heights lie {offset:+.1f} m off the DEM, all alike (scatter {scatter:.1f} "
+                "m). Are they of another system? Then one of the two is not in that of the block.",
+                name=other.dem[0].name,
+                offset=found.offset_m,
+                scatter=found.scatter_m,
+            )
 
 
 def _systems(project: Project) -> list[Said]:

@@ -1,6 +1,7 @@
-"""The misfit of the mosaic against the reference, and all places at which it is likely wrong."""
+"""The misfit of the mosaic against all references, and all places at which it is likely wrong."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -12,21 +13,27 @@ from app.report.tables import Cell, write_table
 from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.influence import influence_of
 from core.control.prediction import covariances_of
+from core.doubts import Doubt
+from core.errors import PhotogrammetryError
 from core.matching.reference import ReferenceFiles
+from core.mosaic.comparison import MosaicAccuracy, compare_orthos
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.fault_places import FaultPlace, worst_places
 from core.mosaic.misfit import BlockErrors, measure_misfit
 from core.mosaic.misfit_places import Misfit, judge_misfit
 from core.mosaic.seam_fit import SeamFit
-from core.progress import Work
+from core.progress import Part, Progress, Work
 from core.raster.dem import Dem
 from core.raster.ortho import open_ortho
 from core.results import BlockInput
+from core.said import say
 from sessions.checks import version_on_disk
 from sessions.products import Products
 from sessions.session import Session
 
 PRODUCT, TABLE = "misfit", "misfit.csv"
+COMPARISONS = "comparisons"
+"""Product that keeps the mosaic against each further reference, or why it was not compared."""
 PLACES = "fault-places"
 """Product that keeps the places, worst first."""
 COLUMNS = "X,Y,dX,dY,sigma,predicted_X,predicted_Y,probability,scan"
@@ -35,6 +42,8 @@ CENTI, MILLI = 2, 3
 
 Kept = tuple[str, Misfit]
 """The version of the mosaic that was compared, and what came of it."""
+Compared = tuple[dict[str, MosaicAccuracy], tuple[Doubt, ...]]
+"""The mosaic against further references by their name, and those that it is not compared with."""
 
 
 def make_misfit(
@@ -85,6 +94,48 @@ def make_misfit(
         products.save_value(PRODUCT, digest, (version_on_disk(products), misfit))
     write_table(session.results / TABLE, COLUMNS, misfit_rows(misfit))
     return misfit
+
+
+def make_comparisons(
+    session: Session,
+    project: Project,
+    mosaic: MosaicProduct,
+    progress: Progress,
+    *,
+    anew: bool = False,
+) -> Compared:
+    """The mosaic against the ortho of each `[[reference.other]]`, unless that is fresh.
+
+    Args:
+        session: Where the product is kept.
+        project: Names the references.
+        mosaic: The mosaic, on disk.
+        progress: Told of each place; may raise `Cancelled`.
+        anew: Compare again.
+
+    Returns:
+        Its accuracy by the name of the ortho, and what could not be compared.
+    """
+    other = {one.name(project.folder): one for one in project.reference.other if one.ortho}
+    sheets = [(name, one.ortho, one.ortho_sigma_m) for name, one in other.items()]
+    if not sheets:
+        return {}, ()
+    digest = session.products.digest_of(COMPARISONS, 1, mosaic.path, sheets)
+    kept: Compared | None = None if anew else session.products.load_value(COMPARISONS, digest)
+    if kept is not None:
+        return kept
+    compared: dict[str, MosaicAccuracy] = {}
+    doubts: list[Doubt] = []
+    for number, (name, paths, sigma_m) in enumerate(sheets):
+        part = Part(progress, number / len(sheets), (number + 1) / len(sheets))
+        try:
+            found = compare_orthos(mosaic.path, paths, progress=part)
+            compared[name] = replace(found, truth_sigma_m=sigma_m)
+        except PhotogrammetryError as error:
+            told = say("The mosaic is not compared with {name}. {why}", name=name, why=error.told)
+            doubts.append(Doubt("reference-not-compared", name, told))
+    session.products.save_value(COMPARISONS, digest, (compared, tuple(doubts)))
+    return compared, tuple(doubts)
 
 
 def make_places(

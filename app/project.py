@@ -12,9 +12,11 @@ import numpy as np
 from app.block_schema import OPERATOR_NAMES, USUAL_NAMES, missing_reference
 from app.block_sections import (
     BlockSection,
+    OtherReference,
     SheetsSection,
     adjustment_options,
     check_attribute,
+    other_references,
     read_block,
     read_camera,
     sheets_section,
@@ -109,6 +111,8 @@ class ReferenceSection:
     """3D polygons that replace the DEM under them."""
     mask: Path | None = None
     """Polygons within which nothing is matched."""
+    other: tuple[OtherReference, ...] = ()
+    """Further references, which judge and steer nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -339,6 +343,7 @@ def _reference(document: Document, brought: bool) -> ReferenceSection:
         table.file("buildings"),
         table.file("bridges"),
         table.file("mask"),
+        other_references(document),
     )
 
 

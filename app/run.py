@@ -9,7 +9,7 @@ import shapely
 
 from app.bring_points import brought_points
 from app.height_checks import doubts_after
-from app.misfit import make_misfit, make_places
+from app.misfit import make_comparisons, make_misfit, make_places
 from app.mosaic import compare_neighbours, make_change, make_mosaic
 from app.orthos import make_orthos
 from app.project import Project, described
@@ -296,14 +296,8 @@ class Run:
 
     def rectify(self, progress: Progress) -> str:
         """One ortho of every oriented photo."""
-        orthos = make_orthos(
-            self.session,
-            self.project,
-            self.adjusted.block,
-            self.dem(),
-            progress,
-            self.anew("orthos"),
-        )
+        session, project, block = self.session, self.project, self.adjusted.block
+        orthos = make_orthos(session, project, block, self.dem(), progress, self.anew("orthos"))
         self.results = replace(self.results, orthos=tuple(orthos))
         gsd = orthos[0].grid.ground_sample_distance_m
         return say("{count:# ortho|# orthos} at {gsd:g} m", count=len(orthos), gsd=gsd)
@@ -366,8 +360,10 @@ class Run:
         fits = compare_neighbours(self.session, mosaic, work.part(0.0, 0.1), anew=anew)
         dem, adjusted = self.dem(), self.adjusted
         misfit = make_misfit(
-            self.session, self.given, mosaic, adjusted, dem, work.part(0.1, 1.0), anew=anew
+            self.session, self.given, mosaic, adjusted, dem, work.part(0.1, 0.9), anew=anew
         )
+        rest = work.part(0.9, 1.0).progress
+        compared, doubts = make_comparisons(self.session, self.project, mosaic, rest, anew=anew)
         likely = make_places(
             self.session, self.project, self.given, mosaic, adjusted, dem, (misfit, fits)
         )
@@ -377,7 +373,7 @@ class Run:
             adjustment=self.adjusted.options or self.given.adjustment,
             before=made(self.results.georeference).block,
             heights=self.project.block.heights,
-            doubts=self.doubts,
+            doubts=(*self.doubts, *doubts),
             set_aside=self.results.set_aside,
             reference_sigma_m=(files.ortho_sigma_m, files.dem_sigma_m) if files.ortho else None,
             reliability=self.assembly.reliability,
@@ -390,6 +386,7 @@ class Run:
             misfit=misfit,
             likely_faults=likely,
             sheets=self.results.sheets,
+            comparisons=compared,
             timings_s=self.seconds,
             written=written_now(self.session.operator),
             decisions=self.session.decisions(),

@@ -51,6 +51,7 @@ from core.georeference.approximation import Approximation
 from core.georeference.stage import Georeferenced
 from core.localisation.initial_orientation import WeakControl
 from core.localisation.stage import Localised
+from core.mosaic.comparison import ComparedPlaces, MosaicAccuracy
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.fault_places import FaultPlace
 from core.mosaic.misfit import MisfitVectors
@@ -91,6 +92,7 @@ REGISTERED: tuple[type, ...] = (
     CheckPlace,
     CheckResult,
     ClassFigures,
+    ComparedPlaces,
     Contradiction,
     ControlFound,
     Delivery,
@@ -115,6 +117,7 @@ REGISTERED: tuple[type, ...] = (
     Misfit,
     MisfitPlace,
     MisfitVectors,
+    MosaicAccuracy,
     MosaicProduct,
     NewPoint,
     OrthoProduct,

@@ -130,6 +130,7 @@ def comparison_accuracy(name: str, accuracy: MosaicAccuracy) -> dict[str, Any]:
         "circular_error_90": accuracy.circular_error_90,
         "refused": dict(accuracy.refused),
         "ground_sample_distance_m": accuracy.ground_sample_distance_m,
+        "truth_sigma_m": accuracy.truth_sigma_m,
         "rule": OUTLIER_RULE,
         "vectors": np.hstack([accuracy.places.positions, accuracy.places.shifts_m])[used].tolist(),
     }

@@ -145,6 +145,8 @@ class MosaicAccuracy:
     """Pixel size at which the two were compared, metres."""
     places: ComparedPlaces
     """The table."""
+    truth_sigma_m: float | None = None
+    """Standard deviation of a coordinate of the truth, metres; None where nobody states it."""
 
     @property
     def circular_error_90(self) -> float:
@@ -154,7 +156,7 @@ class MosaicAccuracy:
 
 def compare_orthos(
     product_path: Path,
-    truth_path: Path,
+    truth: Path | Sequence[Path],
     options: ComparisonOptions | None = None,
     progress: Progress = SILENT,
 ) -> MosaicAccuracy:
@@ -162,7 +164,7 @@ def compare_orthos(
 
     Args:
         product_path: Ortho or mosaic that is judged.
-        truth_path: Ortho of nearly the same content; any GSD, bands, CRS.
+        truth: Ortho of nearly the same content, or its sheets; any GSD, bands, CRS.
         options: Where and how patches are compared.
         progress: Told after every place.
 
@@ -173,13 +175,14 @@ def compare_orthos(
         ReferenceDataError: The two have nothing in common that could be compared.
     """
     options = options or ComparisonOptions()
-    for path in (product_path, truth_path):
+    sheets = [truth] if isinstance(truth, Path) else list(truth)
+    for path in (product_path, *sheets):
         with rasterio.open(path) as file:
             if file.crs is None:
                 raise CrsError(path, "It has no CRS.", "Write one with gdal_edit.py -a_srs.")
     with rasterio.open(product_path) as file:
         crs = str(file.crs.to_wkt())
-    view = open_both(product_path, [truth_path], crs)
+    view = open_both(product_path, sheets, crs)
     margin = options.patch_px // 2 + options.search_px + 2
     centres = choose_places(view, options.places, options.patch_px, margin)
     found: list[tuple[Shift | None, str]] = []
@@ -190,7 +193,7 @@ def compare_orthos(
     if not places.used.any():
         raise ReferenceDataError(
             product_path,
-            say("No place could be recognised in {truth_path}.", truth_path=truth_path),
+            say("No place could be recognised in {truth_path}.", truth_path=sheets[0]),
             "Check that both show the same ground, or enlarge search_px.",
         )
     return _summary(_without_mismatches(places, view.grid), view.grid)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import rasterio
 
+from app.block_sections import OtherReference
 from app.height_checks import height_doubts
 from app.project import described, read_project
 from core.block import SurveyedPoint
@@ -57,3 +58,16 @@ def test_an_unknown_word_is_a_doubt__law(tiny):
     other = replace(project, block=replace(project.block, heights="above the pub"))
     assert "above the pub" in told(other, (), tiny.reference.dem)[0]
     assert described(other).crs == described(project).crs
+
+
+def test_further_heights_of_another_system_are_asked_about__truth(tiny, tmp_path):
+    project, dem = read_project(tiny.folder), tmp_path / "other.tif"
+    with rasterio.open(project.reference.dem[0]) as file:
+        profile, heights = file.profile, file.read()
+    for above_m, count in ((0.3, 0), (44.7, 1)):
+        with rasterio.open(dem, "w", **profile) as file:
+            file.write(heights + np.float32(above_m))
+        further = replace(project.reference, other=(OtherReference(dem=(dem,)),))
+        found = told(replace(project, reference=further), (), tiny.reference.dem)
+        assert len(found) == count
+    assert "other.tif: heights lie +44.7 m off the DEM" in found[0]

@@ -2,9 +2,14 @@
 
 import csv
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import rasterio
+from affine import Affine
+
+from app.cli import DONE, main
 from app.misfit import COLUMNS, PLACES, PRODUCT, TABLE, known_places, misfit_rows
 from sessions.checks import version_on_disk
 from sessions.products import Products, digest_of
@@ -45,3 +50,26 @@ def test_the_report_has_every_likely_fault_worst_first__law(tiny_run: Tiny) -> N
     figures = json.loads((tiny_run.folder / "results/report.json").read_text(encoding="utf-8"))
     told = [(one["kind"], *one["position"]) for one in figures["likely_faults"]]
     assert told == [(place.kind, place.east, place.north) for place in places] != []
+
+
+def test_the_mosaic_is_compared_with_further_references__truth(tiny_run: Tiny, tmp_path: Path):
+    folder = tmp_path / "block"
+    shutil.copytree(tiny_run.folder, folder)
+    away = folder / "away.tif"
+    with rasterio.open(tiny_run.truth.archival_ortho) as file:
+        profile, moved = file.profile, Affine.translation(90_000, 0) @ file.transform
+        with rasterio.open(away, "w", **{**profile, "transform": moved}) as other:
+            other.write(file.read())
+    with (folder / "block.toml").open("a", encoding="utf-8") as text:
+        archival = tiny_run.truth.archival_ortho.relative_to(tiny_run.folder).as_posix()
+        text.write(f'[[reference.other]]\northo = "{archival}"\nyear = 1938\northo_sigma_m = 0.1\n')
+        text.write('[[reference.other]]\northo = "away.tif"\n')
+    assert main(["report", str(folder)]) == DONE
+    figures = json.loads((folder / "results/report.json").read_text(encoding="utf-8"))
+    (compared,) = figures["comparisons"]
+    assert compared["name"] == f"{archival} (1938)"
+    assert (compared["count"] > 50, compared["truth_sigma_m"]) == (True, 0.1)
+    assert compared["m_p"] < 2
+    told = [one["message"] for one in figures["doubts"] if one["subject"] == "away.tif"]
+    assert len(told) == 1
+    assert "no area in common" in told[0]

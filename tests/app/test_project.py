@@ -83,8 +83,61 @@ def test_defaults_are_those_of_the_manual__truth(folder: Path) -> None:
     assert project.folder == folder
 
 
-def test_every_example_of_the_promise_is_read__paper(folder: Path) -> None:
-    """The example of the contract, section 2, with every key."""
+PROMISE = """
+[block]
+name = "kobyli-1938"
+crs  = "EPSG:5514"                       # horizontal; X east, Y north
+heights = "Bpv"                          # or "EPSG:8357"
+
+[camera.wide]
+principal_distance_mm = 211.59           # left out: proposed and estimated
+frame_mm = [180.0, 180.0]                # picture area, width and height
+principal_point_mm = [0.0, 0.0]          # from the fiducial centre; optional
+radial_distortion = []                   # k1, k2, k3 for r in mm; optional
+fiducials_mm = { 1 = [-84.5, 0.3], 2 = [84.5, -0.2], 3 = [0.2, 84.5], 4 = [-0.1, -84.5] }
+
+[scans]
+files = "scans/*.tif"
+camera = "wide"                          # or [[scans.override]] per file
+scan_pixel_um = 15.0
+footprints = "footprints.gpkg"           # optional; attribute with the file name:
+footprint_name = "LMS_TIF_UP"
+exterior = "eo.csv"                      # optional: scan,X,Y,Z,omega_deg,phi_deg,kappa_deg
+georeference = "world-file"              # world-file | points | footprints | none
+taken = "1938-06-21"                     # optional: date, or table of file and time
+
+[reference]
+ortho = "ortho/*.tif"
+dem = "dem.tif"
+roads = ["roads/SilniceDalnice.shp", "roads/Ulice.shp", "roads/Cesta.shp"]
+ortho_sigma_m = 0.25                     # accuracy of the reference
+dem_sigma_m = 0.5
+buildings = "buildings.gpkg"             # optional: seams keep 5 m away from them
+bridges = "bridges.gpkg"                 # optional 3D polygons
+mask = "changed.gpkg"                    # optional: where nothing may be matched
+
+[[reference.other]]                      # optional: further references
+
+[control]                                # optional: surveyed points the user already has
+points = "points.csv"                    # id,X,Y,Z,sigma_xy,sigma_z,role
+
+[ortho]
+gsd_m = 0.5
+sheets = "sm5.gpkg"                      # optional: map sheets to cut; attribute `name`
+"""
+"""The example of the contract, section 2."""
+OTHER = """[[reference.other]]
+ortho = "1957/*.tif"
+dem = "1957/dem.tif"
+year = 1957
+ortho_sigma_m = 0.4
+dem_sigma_m = 1.0
+"""
+
+
+@pytest.fixture
+def promised(folder: Path) -> Path:
+    """The files that the example of the contract names."""
     shape = [shapely.to_wkb(shapely.box(0, 0, 1, 1))]
     for name, attribute in (("footprints", "LMS_TIF_UP"), ("sm5", "name")):
         raw.write(
@@ -95,20 +148,46 @@ def test_every_example_of_the_promise_is_read__paper(folder: Path) -> None:
             geometry_type="Polygon",
             crs="EPSG:5514",
         )
-    for name in ("eo.csv", "r1.shp", "r2.shp", "buildings.gpkg", "bridges.gpkg", "mask.gpkg"):
+    roads = [f"roads/{name}.shp" for name in ("SilniceDalnice", "Ulice", "Cesta")]
+    layers = [f"{name}.gpkg" for name in ("buildings", "bridges", "changed")]
+    for name in ("eo.csv", "points.csv", "1957/1.tif", "1957/dem.tif", *roads, *layers):
+        (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).touch()
-    (folder / "points.csv").touch()
-    text = put('footprints = "footprints.gpkg"\nfootprint_name = "LMS_TIF_UP"\nexterior = "eo.csv"')
-    text = text.replace("[camera.wide]\n", "[camera.wide]\nradial_distortion = [1e-8, 2e-13]\n")
-    text += 'roads = ["r1.shp", "r2.shp"]\nbuildings = "buildings.gpkg"\nmask = "mask.gpkg"\n'
-    text += 'bridges = "bridges.gpkg"\northo_sigma_m = 0.3\n[control]\npoints = "points.csv"\n'
-    text += '[ortho]\ngsd_m = 0.5\nsheets = "sm5.gpkg"\n'
-    project = read(folder, text)
-    assert project.cameras["wide"].radial_distortion == (1e-8, 2e-13, 0.0)
-    assert project.reference.roads == (folder / "r1.shp", folder / "r2.shp")
-    assert project.control.points == folder / "points.csv"
-    assert project.ortho.gsd_m == 0.5
-    assert project.scans.exterior == folder / "eo.csv"
+    return folder
+
+
+def test_every_example_of_the_promise_is_read__paper(promised: Path) -> None:
+    project = read(promised, PROMISE)
+    scans, reference = project.scans, project.reference
+    assert (project.block.name, project.block.heights) == ("kobyli-1938", "Bpv")
+    assert len(project.cameras["wide"].fiducials_mm) == 4
+    assert (scans.footprints, scans.exterior) == (promised / "footprints.gpkg", promised / "eo.csv")
+    assert project.taken == {"a": "1938-06-21", "b": "1938-06-21"}
+    assert [road.stem for road in reference.roads] == ["SilniceDalnice", "Ulice", "Cesta"]
+    assert (reference.ortho_sigma_m, reference.dem_sigma_m) == (0.25, 0.5)
+    layers = (reference.buildings, reference.bridges, reference.mask)
+    assert layers == tuple(promised / f"{n}.gpkg" for n in ("buildings", "bridges", "changed"))
+    assert reference.other == ()
+    assert project.control.points == promised / "points.csv"
+    assert (project.ortho.gsd_m, project.sheets.index) == (0.5, promised / "sm5.gpkg")
+
+
+def test_further_references_are_read_as_the_reference_is__law(promised: Path) -> None:
+    text = PROMISE.replace("[[reference.other]]  ", f"{OTHER}[[reference.other]]  ")
+    (other,) = read(promised, text).reference.other
+    assert other.ortho == (promised / "1957/1.tif", promised / "1957/dem.tif")
+    assert (other.dem, other.year) == ((promised / "1957/dem.tif",), 1957)
+    assert (other.ortho_sigma_m, other.dem_sigma_m) == (0.4, 1.0)
+    assert other.name(promised) == "1957 (1957)"
+    line = text[: text.index("year = 1957")].count("\n") + 1
+    for wrong, cause in (
+        ("year = 19570", f"block.toml:{line} .reference.other. year: 19570 is outside"),
+        ("years = 1957", f"block.toml:{line} .reference.other. years: is no key"),
+    ):
+        with pytest.raises(ProjectError, match=cause):
+            read(promised, text.replace("year = 1957", wrong))
+    with pytest.raises(ProjectError, match="neither an ortho nor heights"):
+        read(promised, PROMISE.replace("[[reference.other]]", "[[reference.other]]\nyear = 1957"))
 
 
 def test_file_or_folder_is_the_same__truth(folder: Path) -> None:
