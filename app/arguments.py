@@ -50,10 +50,11 @@ def add_run(verb: Parser) -> None:
     verb.add_option("--from STAGE", anew, dest="first", choices=names)
     verb.add_option("--until STAGE", "stop after this stage", dest="last", choices=names)
     add_workers(verb)
-    verb.add_argument(
-        "--executor", choices=["threads", "local"], default="threads",
-        help="where the pieces of a stage run; `gruber batch` knows more (%(default)s)",
-    )  # fmt: skip
+    where = (
+        "where it runs: here in threads, in a process of its own, or on a worker of a Dask cluster "
+        "(%(default)s)"
+    )
+    add_executor(verb, where, earlier=("local",))
 
 
 def add_batch(verb: Parser) -> None:
@@ -64,12 +65,20 @@ def add_batch(verb: Parser) -> None:
         "block, priority, until",
     )  # fmt: skip
     add_workers(verb)
+    where = (
+        "one block after another in threads, blocks side by side in processes, or the workers of a "
+        "Dask cluster (%(default)s)"
+    )
+    add_executor(verb, where)
+
+
+def add_executor(verb: Parser, told: str, earlier: tuple[str, ...] = ()) -> None:
+    """Where blocks run; words of earlier versions are understood and not told."""
     from app.batch import EXECUTORS
 
     verb.add_argument(
-        "--executor", choices=EXECUTORS, default=EXECUTORS[0],
-        help="one block after another in threads, blocks side by side in processes, or the "
-        "workers of a Dask cluster (%(default)s)",
+        "--executor", choices=(*EXECUTORS, *earlier), default=EXECUTORS[0], help=told,
+        metavar=f"{{{','.join(EXECUTORS)}}}",
     )  # fmt: skip
     verb.add_argument(
         "--scheduler", default="", metavar="ADDRESS",

@@ -1,4 +1,4 @@
-"""Blocks run: one in this process, or many of a list, where no failure stops the others."""
+"""Blocks run: one in this process, or one or many elsewhere, where no failure stops the others."""
 
 import csv
 import io
@@ -8,10 +8,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -55,6 +56,16 @@ class BlockTask:
     """Blocks of a higher priority run first."""
     until: str = ""
     """Last stage to run; empty for all."""
+    first: str = ""
+    """Stage to make anew with all after it; empty for none."""
+    language: str = ""
+    """Of its report; that of the last one when left out."""
+
+    @property
+    def options(self) -> dict[str, str]:
+        """What `gruber run` is asked for it, by option."""
+        asked = {"--from": self.first, "--until": self.until, "--language": self.language}
+        return {name: value for name, value in asked.items() if value}
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,13 +159,31 @@ def _task(source: Path, row: dict[str, str]) -> BlockTask:
         raise ProjectError(source, cause, "Use a number; higher runs first.", **values) from error
 
 
-class Batch:
-    """One run over a list of blocks; a table on disk always tells how far each is."""
+def listed(source: Path, voice: Voice, language: str) -> "Batch":
+    """The blocks of a list, with its table beside them.
 
-    def __init__(self, source: Path, voice: Voice) -> None:
-        self.voice = voice
-        self.table = (source if source.is_dir() else source.parent) / TABLE
-        self.states = {task.block: BlockState(task) for task in read_list(source)}
+    Args:
+        source: As `read_list` takes it.
+        voice: Told of all.
+        language: Of the reports; empty for that of each last one.
+    """
+    tasks = [replace(task, language=language) for task in read_list(source)]
+    return Batch(tasks, (source if source.is_dir() else source.parent) / TABLE, voice)
+
+
+class Batch:
+    """One run over blocks; a table on disk, where one is wanted, always tells how far each is."""
+
+    def __init__(self, tasks: Sequence[BlockTask], table: Path | None, voice: Voice) -> None:
+        """Blocks that are to run.
+
+        Args:
+            tasks: The blocks, in the order to run.
+            table: Where it is written how far each is; None: nowhere.
+            voice: Told of each stage, and of each block that ends.
+        """
+        self.voice, self.table = voice, table
+        self.states = {task.block: BlockState(task) for task in tasks}
         self._processes: set[subprocess.Popen[str]] = set()
         self._written: tuple[BlockState, ...] = ()
 
@@ -163,8 +192,9 @@ class Batch:
 
         Args:
             executor: `threads`: one block after another, its pieces in threads. `processes`:
-                as many blocks side by side as there are workers, with one thread each. `dask`:
-                each worker of a Dask cluster takes one block at a time.
+                as many blocks side by side as there are workers, with one thread each; a single
+                one with all of them. `dask`: each worker of a Dask cluster takes one block at a
+                time.
             workers: Threads, or processes.
             scheduler: Address of the Dask scheduler; a cluster on this machine without one.
 
@@ -190,7 +220,8 @@ class Batch:
                 # Futures of a cluster end when its client closes, the runs here when they stop.
                 pool.shutdown(wait=executor != "dask")
                 self._write()
-        self.voice.ended("batch", "Blocks", time.monotonic() - started, str(self.table))
+        told = str(self.table or self.tasks[0].block)
+        self.voice.ended("batch", "Blocks", time.monotonic() - started, told)
         self._refuse_failed()
 
     @property
@@ -207,7 +238,8 @@ class Batch:
             with dask_client(scheduler) as client:
                 yield lambda task: run_on_cluster(client, task), len(self.states)
             return
-        threads, width = (workers, 1) if executor == "threads" else (1, workers)
+        side_by_side = executor == "processes" and len(self.states) > 1
+        threads, width = (1, workers) if side_by_side else (workers, 1)
         yield lambda task: run_apart(task, threads, self._tell, self._processes), width
 
     def _follow(self, run_one: Callable[[BlockTask], BlockState], task: BlockTask) -> None:
@@ -235,7 +267,7 @@ class Batch:
     def _write(self) -> None:
         """Write the table of all blocks where it has changed."""
         states = tuple(self.states.values())
-        if states == self._written:
+        if self.table is None or states == self._written:
             return
         with whole_file(self.table) as temporary, temporary.open("w", encoding="utf-8") as file:
             rows = csv.writer(file, lineterminator="\n")
@@ -257,7 +289,10 @@ class Batch:
 
     def _refuse_failed(self) -> None:
         failed = [state for state in self.states.values() if state.state == "failed"]
-        if failed:
+        if failed and self.table is None:
+            remedy = "Correct what it names and give the same command again; what is done stays."
+            raise ProjectError(failed[0].task.block, failed[0].message, remedy)
+        if failed and self.table is not None:
             cause = "{failed} of {count} blocks failed, {block} first: {why}"
             remedy = "Correct what it names and give the same command again; finished blocks stay."
             values = {"failed": len(failed), "count": len(self.states), "why": failed[0].message}
@@ -291,7 +326,7 @@ def run_apart(
         The block, done or failed.
     """
     command = [sys.executable, "-m", "gruber", "--log-json", "run", str(task.block)]
-    command += ["--workers", str(threads), *(["--until", task.until] if task.until else [])]
+    command += ["--workers", str(threads), *chain.from_iterable(task.options.items())]
     started, stage, why, last = time.monotonic(), "", "", ""
     # A session of its own: Ctrl-C reaches this program alone, which hands it on.
     with subprocess.Popen(
@@ -351,8 +386,8 @@ def run_on_cluster(client: Any, task: BlockTask) -> BlockState:
 
     Another worker takes over from one that dies, where that one had got to: finished stages stay.
     """
-    block, started = task.block.resolve(), time.monotonic()
-    future = client.submit(run_silently, block, task.until, pure=False, retries=RETRIES)
+    started, whole = time.monotonic(), replace(task, block=task.block.resolve())
+    future = client.submit(run_silently, whole, pure=False, retries=RETRIES)
     error = future.exception()
     seconds = round(time.monotonic() - started, 1)
     if error is None:
@@ -360,7 +395,7 @@ def run_on_cluster(client: Any, task: BlockTask) -> BlockState:
     return BlockState(task, "failed", "", seconds, str(error))
 
 
-def run_silently(block: Path, until: str) -> None:
+def run_silently(task: BlockTask) -> None:
     """Run a block on a worker of a cluster, in its process, so that both end together."""
-    options = RunOptions(last=until or None, workers=1)
-    run_block(block, JsonLines(io.StringIO()), options)
+    options = RunOptions(task.first or None, task.until or None, 1, task.language)
+    run_block(task.block, JsonLines(io.StringIO()), options)

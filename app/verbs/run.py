@@ -5,7 +5,8 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-from app.batch import Batch, run_block
+from app.batch import Batch, BlockTask, listed, run_block
+from app.project import read_project
 from app.run import NOTHING_STANDS, PAGE, RunOptions
 from app.terminal import Voice
 from core.errors import OrientationError
@@ -13,15 +14,20 @@ from ui.words.catalogue import Teller
 
 
 def run(given: argparse.Namespace, voice: Voice) -> None:
-    """The automatic stages."""
-    run_block(
-        given.block, voice, RunOptions(given.first, given.last, given.workers, given.language)
-    )
+    """The automatic stages; `local` is an earlier word for `threads`."""
+    if given.executor in ("threads", "local"):
+        options = RunOptions(given.first, given.last, given.workers, given.language)
+        run_block(given.block, voice, options)
+        return
+    folder = read_project(given.block).folder
+    task = BlockTask(folder, 0.0, given.last or "", given.first or "", given.language)
+    Batch((task,), None, voice).run(given.executor, given.workers, given.scheduler)
 
 
 def batch(given: argparse.Namespace, voice: Voice) -> None:
     """The automatic stages of many blocks."""
-    Batch(given.list, voice).run(given.executor, given.workers, given.scheduler)
+    every = listed(given.list, voice, given.language)
+    every.run(given.executor, given.workers, given.scheduler)
 
 
 def report(given: argparse.Namespace, voice: Voice) -> None:

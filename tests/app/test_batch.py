@@ -88,6 +88,28 @@ def test_a_block_that_fails_stops_no_other__truth(tiny_run, tmp_path, capsys, ex
     assert found["one"]["findings"].split(":")[0].isdecimal()
 
 
+@pytest.mark.parametrize("executor", ["local", "processes", "dask"])
+def test_run_takes_the_same_executors__truth(tiny_block, tmp_path, capsys, executor):
+    folder = tmp_path / "one"
+    shutil.copytree(tiny_block, folder)
+    command = ["run", str(folder), "--executor", executor, "--from", "scans", "--until", "scans"]
+    assert main(command) == DONE
+    products = folder / ".gruber" / "products"
+    assert (products / "scans").exists()
+    assert not (products / "georeference").exists()
+    assert not list(tmp_path.rglob(TABLE))
+    (folder / "dem.tif").unlink()
+    assert main(["run", str(folder / "block.toml"), "--executor", executor]) == UNUSABLE
+    assert "dem.tif" in capsys.readouterr().err
+
+
+def test_the_language_reaches_the_report_of_every_block__truth(tiny_run, tmp_path):
+    shutil.copytree(tiny_run.folder, tmp_path / "one")
+    assert main(["batch", str(tmp_path), "--language", "cs"]) == DONE
+    report = (tmp_path / "one" / "results" / "report.html").read_text(encoding="utf-8")
+    assert 'lang="cs"' in report
+
+
 def test_ctrl_c_stops_the_runs_under_way_and_the_next_call_resumes__law(tiny_block, tmp_path):
     shutil.copytree(tiny_block, tmp_path / "one")
     command = [sys.executable, "-m", "gruber", "batch", str(tmp_path)]
