@@ -6,15 +6,16 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from datetime import date
 from pathlib import Path
 from typing import Any, cast
 
 from app.block_schema import TABLES, Key, keys_of, missing_reference
-from app.block_sections import fiducials_of, read_block, read_camera
+from app.block_sections import fiducials_of, read_block, read_camera, taken_in
 from app.block_toml import Document, FieldError, Table
 from app.block_writing import with_values
 from app.new_block import CAMERA, Recognition, toml_of
-from app.project import Project, may_have_points, project_of, taken_of
+from app.project import Project, may_have_points, project_of
 from core.errors import PhotogrammetryError, ProjectError
 from core.said import say
 
@@ -217,7 +218,7 @@ def _error_of_table(document: Document, table: Table, *, sound: bool) -> dict[st
     """
     try:
         if table.name == "scans":
-            taken_of(table, "")
+            taken_in(table)
         elif table.name == "block" and sound:
             read_block(document)
         elif table.name.startswith("camera.") and sound:
@@ -252,6 +253,8 @@ def _section(
         if key.asked == "file":
             continue
         value = _value_in(given, name, key.name)
+        if key.kind == "time" and isinstance(value, dict):
+            continue  # days by file are written in the file alone
         known = value is not None
         value = value if known else _value_in(proposed, like, key.name)
         unit = [] if key.unit is None else [key.unit.low, key.unit.high]
@@ -270,7 +273,7 @@ def _value_in(values: Mapping[str, Any], table: str, key: str) -> Any:
     found: Any = values
     for part in (*table.split("."), key):
         found = found.get(part) if isinstance(found, dict) else None
-    return found
+    return found.isoformat() if isinstance(found, date) else found
 
 
 def _written(values: Mapping[str, Any]) -> Iterator[str]:

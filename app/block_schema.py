@@ -19,10 +19,11 @@ from core.surface.ground import GroundKind
 
 Kind = Literal[
     "text", "number", "numbers", "measures", "choice", "choices", "flag", "count", "file", "files",
-    "rasters", "marks", "pairs", "tables", "words",
+    "rasters", "marks", "pairs", "tables", "time", "words",
 ]  # fmt: skip
 """How a value is written: `measures` are numbers of a unit, `marks` a table of places by name,
-`choices` a list of known words, `words` one of any, `rasters` files of which globs keep rasters."""
+`choices` a list of known words, `words` one of any, `rasters` files of which globs keep rasters,
+`time` a day as TOML or text has it, or times by file."""
 Asked = Literal["first", "more", "file"]
 """Where the form has a key: in sight, folded away, or not at all."""
 
@@ -143,7 +144,7 @@ SCANS = (
     Key("scale_number", "number", unit=SCALE_NUMBERS, asked="first"),
     Key("flying_height_m", "number", unit=HEIGHTS, asked="more"),
     Key("exterior", "file", asked="more"),
-    Key("taken", "text", "", asked="more"),
+    Key("taken", "time", "", asked="more"),
     Key("fiducial_measures", "files"),
     Key("ties", "file"),
     Key("override", "tables"),
@@ -152,7 +153,7 @@ OVERRIDE = (
     Key("file", "text", required=True),
     Key("camera", "text"),
     Key("scan_pixel_um", "number", unit=MICROMETRES),
-    Key("taken", "text"),
+    Key("taken", "time"),
     Key("exclude", "flag", False),
 )
 REFERENCE = (

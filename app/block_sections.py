@@ -4,6 +4,7 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from datetime import date, datetime
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -15,6 +16,8 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.doubts import Failure
 from core.errors import CrsError, PhotogrammetryError
 from core.formats.micmac_points import read_camera_measures
+from core.formats.records import read_rows
+from core.formats.stac import time_span
 from core.formats.vectors import GDAL_ERRORS, LAYER_MARK, no_remarks
 from core.geometry.camera import SETS, Camera, additional_set, polynomial_from_table
 from core.geometry.collinearity import CORRECTIONS
@@ -28,6 +31,9 @@ from core.surface.stage import SurfaceOptions
 
 MARKS = (0, 4, 8)
 
+TAKEN = ("file", "time")
+"""Columns of a list of times."""
+NO_DATE = "Write a day, a month or a year: 1938-05-16, 1938-05 or 1938."
 PRODUCT = re.compile(r"[A-Z]{4}")
 
 
@@ -236,6 +242,60 @@ def fiducials_of(table: Table, side_mm: float) -> dict[str, tuple[float, float]]
     if farthest < side_mm / 4:
         raise table.error(key, "all marks lie in the middle of the picture.", in_millimetres)
     return fiducials
+
+
+def taken_in(table: Table) -> str | dict[str, str]:
+    """What `[scans]` says of the time of exposure: one day for all scans, or days by file.
+
+    Raises:
+        ProjectError: Something in it is no date, or its list cannot be read.
+    """
+    given = table.values.get("taken")
+    if isinstance(given, dict):
+        times = cast("dict[str, object]", given)
+        return {name: _day_in(table, value) for name, value in times.items()}
+    if not isinstance(given, str) or not _is_list(table, given):
+        return taken_of(table, "")
+    file, days = table.files("taken")[0], dict[str, str]()
+    for row in read_rows(file, TAKEN):
+        name, time = row.filled(TAKEN[0]), row.cell(TAKEN[1])
+        day = _day_of(time)
+        if day is None:
+            raise row.refused('Line {number}: "{said}" is no date.', NO_DATE, said=time)
+        days[name] = day
+    return days
+
+
+def taken_of(table: Table, usual: str) -> str:
+    """The day of exposure that a table states, else the usual one."""
+    return _day_in(table, table.values["taken"]) if table.has("taken") else usual
+
+
+def _is_list(table: Table, given: str) -> bool:
+    """Whether a text that is no date names a list of files and times."""
+    there = os.path.isfile(table.document.path.parent / given)
+    return _day_of(given) is None and (there or given.lower().endswith(".csv"))
+
+
+def _day_in(table: Table, given: object) -> str:
+    day = _day_of(given)
+    if day is None:
+        raise table.error("taken", say('"{said}" is no date.', said=given), NO_DATE)
+    return day
+
+
+def _day_of(given: object) -> str | None:
+    """Day, month or year as ISO has it, without the time of day; None where it is none."""
+    text = given.isoformat() if isinstance(given, date) else given
+    if not isinstance(text, str):
+        return None
+    day, _, hour = text.strip().replace("T", " ", 1).partition(" ")
+    try:
+        if hour:
+            datetime.fromisoformat(f"{day}T{hour}")
+    except ValueError:
+        return None
+    return None if isinstance(time_span(day), Failure) else day
 
 
 def adjustment_options(document: Document) -> AdjustmentOptions:

@@ -1,9 +1,10 @@
 """Read `block.toml` into a frozen `Project` with every default, in the engine's terms."""
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
+from itertools import islice
 from pathlib import Path
 from typing import cast
 
@@ -21,17 +22,18 @@ from app.block_sections import (
     read_camera,
     sheets_section,
     surface_options,
+    taken_in,
+    taken_of,
 )
 from app.block_toml import FILE, Document, Table
 from core.adjustment.adjusted import AdjustmentOptions
 from core.block import surveyed_point
 from core.control.stage import ControlStageOptions
-from core.doubts import Failure
 from core.errors import ProjectError
 from core.formats.listed_point import ListedPoint
 from core.formats.micmac_points import read_image_measures
 from core.formats.point_list import read_control_points
-from core.formats.stac import time_span
+from core.formats.records import scan_stem
 from core.geometry.camera import Camera
 from core.geometry.crs import bounds_of, check_range, read_crs
 from core.georeference import archive
@@ -261,7 +263,8 @@ def _listed(
 ) -> tuple[ListedScan, ...]:
     """The scans with the overrides applied, in the order of their names."""
     camera, pixel_um = (table.choice("camera", tuple(cameras)), table.number("scan_pixel_um"))
-    taken = taken_of(table, "")
+    taken = taken_in(table)
+    usual = taken if isinstance(taken, str) else ""
     listed: dict[str, ListedScan] = {}
     for path in table.files("files"):
         if path.stem in listed:
@@ -272,7 +275,9 @@ def _listed(
                 second=path,
             )
             raise table.error("files", cause, "Rename one; the name tells the photo.")
-        listed[path.stem] = ListedScan(path.stem, path, camera, pixel_um, taken)
+        listed[path.stem] = ListedScan(path.stem, path, camera, pixel_um, usual)
+    if not isinstance(taken, str):
+        _date(table, listed, taken)
     for override in document.tables("scans.override"):
         _apply(override, listed, cameras)
     if not listed:
@@ -280,19 +285,24 @@ def _listed(
     return tuple(listed[name] for name in sorted(listed))
 
 
+def _date(table: Table, listed: dict[str, ListedScan], taken: Mapping[str, str]) -> None:
+    """Give scans the days of a table; one in a file may know scans of other blocks as well."""
+    folder, strange = table.document.path.parent, ""
+    for name, day in taken.items():
+        meant = [s for s in listed.values() if _is_meant(s.path, name, folder)]
+        meant += [listed[stem] for stem in {scan_stem(name)} & {*listed} if not meant]
+        strange = strange or ("" if meant else name)
+        listed |= {scan.photo_id: replace(scan, taken=day) for scan in meant}
+    nobody = not any(scan.taken for scan in listed.values())
+    if strange and (nobody or isinstance(table.values["taken"], dict)):
+        raise _matches_none(table, "taken", strange, listed.values())
+
+
 def _apply(override: Table, listed: dict[str, ListedScan], cameras: Mapping[str, Camera]) -> None:
     pattern, folder = override.text("file"), override.document.path.parent
     meant = [scan for scan in listed.values() if _is_meant(scan.path, pattern, folder)]
     if not meant:
-        names = ", ".join(scan.path.name for scan in list(listed.values())[:3])
-        remedy = (
-            say("Correct it; the scans are {names}, ...", names=names)
-            if names
-            else "All are excluded already."
-        )
-        raise override.error(
-            "file", say('"{pattern}" matches none of the scans.', pattern=pattern), remedy
-        )
+        raise _matches_none(override, "file", pattern, listed.values())
     for scan in meant:
         if override.flag("exclude"):
             del listed[scan.photo_id]
@@ -306,13 +316,14 @@ def _apply(override: Table, listed: dict[str, ListedScan], cameras: Mapping[str,
         )
 
 
-def taken_of(table: Table, usual: str) -> str:
-    """The day of exposure that a table states, else the usual one."""
-    said = table.text("taken") if table.has("taken") else usual
-    if isinstance(time_span(said), Failure):
-        remedy = "Write a day, a month or a year: 1938-05-16, 1938-05 or 1938."
-        raise table.error("taken", say('"{said}" is no date.', said=said), remedy)
-    return said
+def _matches_none(
+    table: Table, key: str, pattern: str, listed: Iterable[ListedScan]
+) -> ProjectError:
+    """A name or glob that means no scan."""
+    names = ", ".join(scan.path.name for scan in islice(listed, 3))
+    cause = say('"{pattern}" matches none of the scans.', pattern=pattern)
+    remedy = say("Correct it; the scans are {names}, ...", names=names)
+    return table.error(key, cause, remedy if names else "All are excluded already.")
 
 
 def _is_meant(path: Path, pattern: str, folder: Path) -> bool:

@@ -1,5 +1,6 @@
 """`block.toml`: read into a frozen value, or refused with line and remedy."""
 
+import json
 import re
 from pathlib import Path
 
@@ -8,7 +9,9 @@ import pytest
 import shapely
 from pyogrio import raw
 
+from app.block_form import BlockForm
 from app.bring_points import brought_points
+from app.new_block import recognise
 from app.project import Project, described, read_project
 from core.adjustment.adjusted import AdjustmentOptions
 from core.errors import PhotogrammetryError, ProjectError
@@ -216,6 +219,52 @@ def test_days_of_exposure_hold_for_all_scans_or_for_one__truth(folder: Path) -> 
     taken = read(folder, text).taken
     assert taken.pop("a") == "1938-05-16"
     assert set(taken.values()) == {"1938-05"}
+
+
+@pytest.mark.parametrize(
+    ("line", "days"),
+    [
+        ("taken = 1938-06-21", ("1938-06-21", "1938-06-21")),
+        ("taken = 1938-06-21T10:15:00", ("1938-06-21", "1938-06-21")),
+        ('taken = "1938-06-21T10:15"', ("1938-06-21", "1938-06-21")),
+        ('taken = "1938-06-21 10:15:30+01:00"', ("1938-06-21", "1938-06-21")),
+        ('taken = { "a.tif" = 1938-06-21, b = 1938-07-01T09:30:00 }', ("1938-06-21", "1938-07-01")),
+        ('taken = { "scans/b.*" = "1938" }', ("", "1938")),
+        ('taken = "times.csv"', ("1938-06-21", "1938-07")),
+    ],
+)  # fmt: skip
+def test_times_of_exposure_are_dates_or_a_table__law(
+    folder: Path, line: str, days: tuple[str, str]
+) -> None:
+    """What the contract promises of `taken`; seams and items know the day alone."""
+    rows = "file,time\na.tif,1938-06-21 10:15\nelsewhere.tif,1937\nb,1938-07\n"
+    (folder / "times.csv").write_text(rows, encoding="utf-8")
+    project = read(folder, put(line))
+    assert tuple(project.taken.get(name, "") for name in "ab") == days
+    found = BlockForm(folder / "block.toml").read(recognise(folder))
+    assert found.judged.errors == {}
+    told = [one for part in found.sections for one in part["fields"] if one["key"] == "taken"]
+    json.dumps(told)
+    assert bool(told) == ("{" not in line)
+
+
+@pytest.mark.parametrize(
+    ("line", "cause"),
+    [
+        ("taken = 10:15:00", '"10:15:00" is no date'),
+        ('taken = "1938-06-21T25:00"', "is no date"),
+        ('taken = { "c.tif" = "1938" }', '"c.tif" matches none of the scans. Correct it'),
+        ('taken = { "a.tif" = "May" }', '"May" is no date'),
+        ('taken = "nowhere.csv"', '"nowhere.csv" is not there'),
+        ('taken = "bad.csv"', 'bad.csv: Line 2: "May" is no date'),
+        ('taken = "strange.csv"', '"c.tif" matches none of the scans'),
+    ],
+)
+def test_times_that_cannot_be_used_are_refused__law(folder: Path, line: str, cause: str) -> None:
+    (folder / "bad.csv").write_text("file,time\na.tif,May\n", encoding="utf-8")
+    (folder / "strange.csv").write_text("file,time\nc.tif,1938\n", encoding="utf-8")
+    with pytest.raises(ProjectError, match=re.escape(cause)):
+        read(folder, put(line))
 
 
 MISTAKES = {
