@@ -171,7 +171,10 @@ def add_check(verb: Parser) -> None:
 
 
 def add_teach(verb: Parser) -> None:
-    """Arguments of `teach`."""
+    """Arguments of `teach`; `--block` is an earlier form, which is understood and not told."""
+    where = "the block with truth that an experiment is made on (gruber-demo)"
+    verb.add_argument("block", type=Path, nargs="?", default=None, metavar="BLOCK", help=where)
+    verb.add_option("--block FOLDER", argparse.SUPPRESS, type=Path, dest="earlier")
     verb.add_option("--lesson NAME", "the lesson to begin with", default="")
     verb.add_switch("--list", "name the lessons and end")
     verb.add_option("--own FILE", "a Python file with one more lesson", type=Path)
@@ -181,8 +184,6 @@ def add_teach(verb: Parser) -> None:
         "repeat an experiment of the thesis and end; one of {names}", names=tuple(EXPERIMENTS)
     )
     verb.add_option("--experiment NAME", repeated, choices=tuple(EXPERIMENTS), default="")
-    where = "the block with truth that the experiment is made on (%(default)s)"
-    verb.add_option("--block FOLDER", where, type=Path, default=Path("gruber-demo"))
     add_address(verb)
 
 

@@ -16,7 +16,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from app.block_toml import FILE
+from app.block_toml import FILE, folder_of
 from app.project import read_project
 from app.run import STAGE_NAMES, Run, RunOptions
 from app.start import blocks_in
@@ -141,8 +141,7 @@ def _rows(source: Path) -> list[dict[str, str]]:
 
 def _task(source: Path, row: dict[str, str]) -> BlockTask:
     """One row of a list."""
-    block = source.parent / os.path.expanduser(row["block"].strip())
-    block = block.parent if block.name == FILE else block
+    block = folder_of(source.parent / os.path.expanduser(row["block"].strip()))
     if not os.path.isfile(block / FILE):
         cause = "names {block}, where there is no block.toml."
         remedy = "Correct the path, or make the block with `gruber new`."

@@ -25,6 +25,11 @@ RASTERS = frozenset({".tif", ".tiff", ".jp2", ".j2k", ".jpg", ".jpeg", ".png", "
 _HEADER = re.compile(r"^\s*(?P<open>\[\[?)\s*(?P<name>[^\]]+?)\s*\]")
 
 
+def folder_of(block: Path) -> Path:
+    """The folder of a block that is named by it or by its `block.toml`."""
+    return block.parent if block.name == FILE and not block.is_dir() else block
+
+
 class FieldError(ProjectError):
     """One key of `block.toml` that cannot be used.
 

@@ -109,7 +109,7 @@ def open_ground(folder: Path) -> Ground:
         raise ReferenceDataError(
             folder,
             "There is no block.",
-            "Make one with `gruber demo --headless`, or name another with truth by --block.",
+            "Make one with `gruber demo --headless`, or name another one with truth.",
         )
     given = described(read_project(folder))
     truth = read_truth(folder)

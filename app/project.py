@@ -197,8 +197,10 @@ def read_project(path: Path, *, brought: bool = False) -> Project:
         ProjectError: Something in it cannot be used; says in which line and what to do.
     """
     file = path / FILE if path.is_dir() else path
-    # Unlike Path.resolve, this follows links in a circle no further.
-    return project_of(Document(Path(os.path.realpath(file))), brought=brought)
+    # Unlike Path.resolve, this follows links in a circle no further. A linked file counts where
+    # the link is: there lie the scans, and there go the results.
+    folder = Path(os.path.realpath(file.parent))
+    return project_of(Document(folder / file.name), brought=brought)
 
 
 def project_of(document: Document, *, brought: bool = False) -> Project:

@@ -12,6 +12,7 @@ import pyproj
 import rasterio
 from pyproj.transformer import TransformerGroup
 
+from app.block_toml import FILE
 from app.height_checks import height_doubts
 from app.project import described, read_project
 from app.terminal import Voice
@@ -26,8 +27,9 @@ SPACE_PER_SCAN_GIB = 0.6
 
 
 def doctor(given: argparse.Namespace, voice: Voice) -> None:
-    """What this machine, and a block, lack."""
-    for finding in examine(given.block):
+    """What this machine, and a block, lack; left out, that of the current folder, if any."""
+    here = Path() if Path(FILE).is_file() else None
+    for finding in examine(given.block or here):
         voice.say(finding)
 
 
@@ -53,11 +55,18 @@ def examine(block: Path | None) -> Iterator[str]:
     yield say("Processors: {count}", count=os.cpu_count() or 1)
     if block is not None:
         yield from of_block(block)
+    else:
+        yield say("Disk: {free:.1f} GiB free", free=free_gib(Path()))
 
 
 def attention(finding: str, needed: bool = True) -> str:
     """A finding, marked where it needs attention."""
     return say("! {finding}", finding=finding) if needed else finding
+
+
+def free_gib(folder: Path) -> float:
+    """Space left on the disk of a folder."""
+    return shutil.disk_usage(folder).free / GIB
 
 
 def drivers() -> Iterator[str]:
@@ -110,7 +119,7 @@ def of_block(block: Path) -> Iterator[str]:
         )
     for doubt in height_doubts(project, given.surveyed, reference.dem):
         yield attention(doubt.message)
-    free = shutil.disk_usage(project.folder).free / GIB
+    free = free_gib(project.folder)
     needed = SPACE_PER_SCAN_GIB * len(given.scans)
     disk = "Disk: {free:.1f} GiB free, about {needed:.1f} GiB needed"
     yield attention(say(disk, free=free, needed=needed), free <= needed)

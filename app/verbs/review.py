@@ -5,6 +5,7 @@ import webbrowser
 from dataclasses import replace
 from pathlib import Path
 
+from app.block_toml import folder_of
 from app.desk.inputs import desk_inputs
 from app.desk.wiring import OpenDesk, open_desk
 from app.placing import Placing, open_placing, placeable
@@ -19,6 +20,7 @@ from ui.web.front import Opened
 
 def review(given: argparse.Namespace, voice: Voice) -> None:
     """The review desk, until Ctrl-C; what it still lacks is given on pages before it."""
+    given.block = folder_of(given.block)
     visit = Visit(given, voice)
     if wants_start(given.block):
         visit.through_start(given.block)

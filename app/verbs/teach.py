@@ -5,6 +5,7 @@ import time
 import webbrowser
 from pathlib import Path
 
+from app.block_toml import folder_of
 from app.experiments import EXPERIMENTS, Table, open_ground, write_log
 from app.teaching import Teacher, find_lessons, open_teaching
 from app.terminal import Voice
@@ -14,7 +15,8 @@ from ui.words.catalogue import Teller
 def teach(given: argparse.Namespace, voice: Voice) -> None:
     """The lessons, until Ctrl-C, or only their names, or an experiment."""
     if given.experiment:
-        experiment(given.experiment, given.block, voice)
+        where = given.block or given.earlier or Path("gruber-demo")
+        experiment(given.experiment, folder_of(where), voice)
         return
     found = find_lessons(given.own)
     if given.list:

@@ -97,6 +97,16 @@ def test_left_out_the_block_is_the_current_folder__law():
     assert parser().parse_args(["doctor"]).block is None
 
 
+def test_the_block_of_an_experiment_is_named_as_any_other__law(monkeypatch):
+    """`--block` is the form of earlier versions."""
+    asked = []
+    monkeypatch.setattr("app.verbs.teach.experiment", lambda _, folder, __: asked.append(folder))
+    named = (["flight"], ["flight/block.toml"], ["--block", "flight"], [])
+    for words in named:
+        assert main(["teach", *words, "--experiment", "table-4"]) == DONE
+    assert [str(folder) for folder in asked] == ["flight", "flight", "flight", "gruber-demo"]
+
+
 def test_what_is_not_given_has_its_default__law():
     given = parser().parse_args(["demo"])
     assert (given.size, given.epoch, given.relief, given.seed) == ("small", 1938, 60.0, 1)

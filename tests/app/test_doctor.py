@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 
+from app.cli import DONE, main
 from app.verbs import doctor
 from app.verbs.doctor import examine
 from core.errors import PhotogrammetryError
@@ -24,6 +25,21 @@ def test_a_block_is_examined_too__truth(tiny_block):
     assert "ortho 0.8 m, DEM 5 m" in text
     assert "road" not in text
     assert "fiducials" not in text
+
+
+def test_left_out_the_block_is_that_of_the_current_folder__truth(
+    tiny_block, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["doctor"]) == DONE
+    told = capsys.readouterr().out
+    assert "Disk: " in told
+    assert "Block " not in told
+    monkeypatch.chdir(tiny_block)
+    assert main(["doctor"]) == DONE
+    told = capsys.readouterr().out
+    assert "6 scans, EPSG:5514" in told
+    assert "Disk: " in told
 
 
 def test_what_a_block_lacks_is_told__truth(tiny_block, tmp_path):

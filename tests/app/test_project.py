@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -195,6 +196,21 @@ def test_further_references_are_read_as_the_reference_is__law(promised: Path) ->
 
 def test_file_or_folder_is_the_same__truth(folder: Path) -> None:
     assert read(folder) == read_project(folder / "block.toml")
+
+
+def test_a_linked_file_counts_where_the_link_is__law(folder: Path, tmp_path: Path) -> None:
+    """Results went to the folder that it points to."""
+    (tmp_path / "written.toml").write_text(TOML, encoding="utf-8")
+    own = tmp_path / "own"
+    for part in ("scans", "ortho"):
+        shutil.copytree(folder / part, own / part)
+    (own / "dem.tif").touch()
+    (own / "block.toml").symlink_to(tmp_path / "written.toml")
+    (tmp_path / "linked").symlink_to(own)
+    for named in (own, own / "block.toml", tmp_path / "linked"):
+        project = read_project(named)
+        assert project.folder == own
+        assert project.scans.listed[0].path == own / "scans" / "a.tif"
 
 
 def test_real_block_is_read__real(shared_data: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any, cast
 import cv2
 import pytest
 
+from app.cli import CANCELLED, main
 from app.folder_scan import is_plain
 from app.project import read_project
 from app.start import Starting, block_told, blocks_in, wants_start
@@ -472,6 +473,22 @@ def test_a_block_in_a_read_only_folder_is_opened_for_looking__law(
     assert opened[0].looking
     assert "nothing can be decided" in said[0]
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+
+
+def test_a_block_named_by_its_file_is_opened_as_by_its_folder__law(
+    tiny_block: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that was never run was refused: run it first."""
+    opened: list[Path] = []
+
+    def open_and_leave(folder: Path, *_: object) -> Any:
+        opened.append(folder)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("app.verbs.review.open_start", open_and_leave)
+    for named in (tiny_block, tiny_block / "block.toml"):
+        assert main(["review", str(named), "--no-browser"]) == CANCELLED
+    assert opened == [tiny_block, tiny_block]
 
 
 def test_plain_names__truth() -> None:
