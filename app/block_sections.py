@@ -52,6 +52,18 @@ class BlockSection:
 
 
 @dataclass(frozen=True, slots=True)
+class OrthoSection:
+    """`[ortho]`."""
+
+    gsd_m: float | None = None
+    """Ground sample distance of orthos and mosaic, metres; None takes that of the reference."""
+    balance: bool = True
+    """Whether the tones of the photos are balanced."""
+    ground: str = "dem"
+    """What orthos stand on: `dem`, `surface` or `auto`."""
+
+
+@dataclass(frozen=True, slots=True)
 class SheetsSection:
     """`[sheets]`, and the index layer of `[ortho]`."""
 
@@ -330,6 +342,13 @@ def surface_options(document: Document) -> SurfaceOptions | None:
         return None
     table = document.table("surface")
     return SurfaceOptions(table.number("gsd_m") if table.has("gsd_m") else None)
+
+
+def ortho_section(document: Document) -> OrthoSection:
+    """The options of `[ortho]`, but for its map sheets."""
+    table = document.table("ortho")
+    gsd_m = table.number("gsd_m") if table.has("gsd_m") else None
+    return OrthoSection(gsd_m, table.flag("balance"), table.choice("ground"))
 
 
 def _sets(table: Table) -> tuple[str, ...]:

@@ -61,8 +61,8 @@ class FoundRaster:
     """CRS, where the file tells it."""
     placed: bool
     """True with a world file or a georeference of its own."""
-    north_up: bool
-    """True when it is placed and not turned."""
+    straight: bool
+    """True when it is placed and not turned; rows may run to the north."""
     scan_pixel_um: float | None
     """Size of a scan pixel on the film by the resolution the scanner wrote, micrometres."""
     corners: Corners = ()
@@ -76,11 +76,12 @@ class FoundRaster:
             if self._named(_ORTHO_WORDS) and self.placed:
                 return "ortho"
             return "dem" if heights and self.placed else "scan"
-        if not self.north_up:
+        if not self.straight:
             return "scan"
         if heights or (self.bands == 1 and self.dtype == np.uint16 and self._named(_DEM_WORDS)):
             return "dem"
-        return "ortho" if self.bands <= 4 and self.dtype.kind == "u" else "other"
+        pictured = self.dtype.kind == "u" or (self.dtype.kind == "f" and self.bands > 2)
+        return "ortho" if self.bands <= 4 and pictured else "other"
 
     @property
     def pixel_m(self) -> float | None:
@@ -289,7 +290,7 @@ def _raster(path: Path) -> FoundRaster:
             np.dtype(raster.dtypes[0]),
             _map_part(raster.crs),
             placed,
-            placed and not turned and transform.a > 0 > transform.e,
+            placed and not turned and transform.a > 0,
             _scan_pixel_um(raster.tags(), max(raster.width, raster.height)),
             _corners(transform, raster.width, raster.height) if placed else (),
         )

@@ -1,7 +1,8 @@
 """`gruber new`: write a `block.toml` for the files of a folder, and say what is missing."""
 
+import glob
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -178,15 +179,15 @@ def recognise_files(folder: Path, findings: Findings) -> Recognition:
     return Recognition(
         folder,
         _code(crs),
-        _patterns(folder, scans, findings.rasters),
+        _patterns(folder, scans, findings.unreadable),
         len(scans),
         pixel_um,
         _frame(scans, pixel_um),
         _georeference(scans, findings.points, footprints is not None),
         None if footprints is None else (_relative(folder, footprints[0].path), footprints[1]),
         _table(folder, findings, EXTERIOR_HEADER),
-        _patterns(folder, orthos, findings.rasters),
-        _patterns(folder, dems, findings.rasters),
+        _patterns(folder, orthos),
+        _patterns(folder, dems),
         {
             name: size
             for name, found in (("ortho", orthos), ("dem", dems))
@@ -327,19 +328,24 @@ def _is_same_map(one: CRS, other: CRS) -> bool:
 
 
 def _patterns(
-    folder: Path, wanted: Sequence[FoundRaster], everything: Sequence[FoundRaster]
+    folder: Path, wanted: Sequence[FoundRaster], broken: Collection[Path] = ()
 ) -> tuple[str, ...]:
-    """A glob for each folder and suffix that holds nothing else, else the paths."""
+    """A glob for each folder and suffix where it means no other file, else the paths.
+
+    Those that are `broken` do not count: of scans the run tells why each was set aside.
+    """
     patterns: list[str] = []
-    groups = Counter((raster.path.parent, raster.path.suffix) for raster in wanted)
-    for (parent, suffix), count in groups.items():
-        inside = [
-            item for item in everything if (item.path.parent, item.path.suffix) == (parent, suffix)
-        ]
-        if count == len(inside) > 1:
-            patterns.append(_relative(folder, parent / f"*{suffix}"))
+    groups: dict[tuple[Path, str], list[Path]] = {}
+    for raster in wanted:
+        groups.setdefault((raster.path.parent, raster.path.suffix), []).append(raster.path)
+    for (parent, suffix), paths in groups.items():
+        # Previews and other kinds may lie there as well.
+        inside = (path for path in parent.glob(f"*{suffix}") if not path.name.startswith("."))
+        if len(paths) > 1 and {path for path in inside if path.is_file()} - {*broken} == {*paths}:
+            plain = Path(glob.escape(_relative(folder, parent)))
+            patterns.append((plain / f"*{suffix}").as_posix())
         else:
-            patterns += [_relative(folder, item.path) for item in inside if item in wanted]
+            patterns += [_relative(folder, path) for path in paths]
     return tuple(patterns)
 
 
@@ -443,5 +449,6 @@ def _unused(folder: Path, findings: Findings) -> Iterable[Note]:
         for path, names in findings.tables
         if not any(names[: len(header)] == header for header in lists)
     ]
-    for path in sorted([*findings.unused, *strange])[:MOST_UNUSED]:
+    other = [raster.path for raster in findings.rasters if raster.kind == "other"]
+    for path in sorted([*findings.unused, *strange, *other])[:MOST_UNUSED]:
         yield Note("unused", {"file": _relative(folder, path)})

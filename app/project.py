@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
+from glob import has_magic
 from itertools import islice
 from pathlib import Path
 from typing import cast
@@ -13,10 +14,12 @@ import numpy as np
 from app.block_schema import OPERATOR_NAMES, USUAL_NAMES, missing_reference
 from app.block_sections import (
     BlockSection,
+    OrthoSection,
     OtherReference,
     SheetsSection,
     adjustment_options,
     check_attribute,
+    ortho_section,
     other_references,
     read_block,
     read_camera,
@@ -132,18 +135,6 @@ class ControlSection:
 
 
 @dataclass(frozen=True, slots=True)
-class OrthoSection:
-    """`[ortho]`."""
-
-    gsd_m: float | None = None
-    """Ground sample distance of orthos and mosaic, metres; None takes that of the reference."""
-    balance: bool = True
-    """Whether the tones of the photos are balanced."""
-    ground: str = "dem"
-    """What orthos stand on: `dem`, `surface` or `auto`."""
-
-
-@dataclass(frozen=True, slots=True)
 class Project:
     """A block as its `block.toml` describes it; every path is there."""
 
@@ -220,7 +211,7 @@ def project_of(document: Document, *, brought: bool = False) -> Project:
         _scans(document, cameras),
         _reference(document, brought or may_have_points(document)),
         _control(document),
-        _ortho(document),
+        ortho_section(document),
         adjustment,
         surface_options(document),
         sheets_section(document),
@@ -270,12 +261,11 @@ def _listed(
     listed: dict[str, ListedScan] = {}
     for path in table.files("files"):
         if path.stem in listed:
-            cause = say(
+            first, told = (
+                listed[path.stem].path,
                 "two scans are called {stem}: {first} and {second}.",
-                stem=path.stem,
-                first=listed[path.stem].path,
-                second=path,
             )
+            cause = say(told, stem=path.stem, first=first, second=path)
             raise table.error("files", cause, "Rename one; the name tells the photo.")
         listed[path.stem] = ListedScan(path.stem, path, camera, pixel_um, usual)
     if not isinstance(taken, str):
@@ -291,20 +281,21 @@ def _date(table: Table, listed: dict[str, ListedScan], taken: Mapping[str, str])
     """Give scans the days of a table; one in a file may know scans of other blocks as well."""
     folder, strange = table.document.path.parent, ""
     for name, day in taken.items():
-        meant = [s for s in listed.values() if _is_meant(s.path, name, folder)]
-        meant += [listed[stem] for stem in {scan_stem(name)} & {*listed} if not meant]
+        named = listed.get(scan_stem(name))
+        globbed = _meant(listed, name, folder) if has_magic(name) and named is None else []
+        meant = globbed if named is None else [named]
         strange = strange or ("" if meant else name)
         listed |= {scan.photo_id: replace(scan, taken=day) for scan in meant}
     nobody = not any(scan.taken for scan in listed.values())
     if strange and (nobody or isinstance(table.values["taken"], dict)):
-        raise _matches_none(table, "taken", strange, listed.values())
+        raise _no_scan(table, "taken", strange, listed.values())
 
 
 def _apply(override: Table, listed: dict[str, ListedScan], cameras: Mapping[str, Camera]) -> None:
     pattern, folder = override.text("file"), override.document.path.parent
-    meant = [scan for scan in listed.values() if _is_meant(scan.path, pattern, folder)]
+    meant = _meant(listed, pattern, folder)
     if not meant:
-        raise _matches_none(override, "file", pattern, listed.values())
+        raise _no_scan(override, "file", pattern, listed.values())
     for scan in meant:
         if override.flag("exclude"):
             del listed[scan.photo_id]
@@ -318,20 +309,26 @@ def _apply(override: Table, listed: dict[str, ListedScan], cameras: Mapping[str,
         )
 
 
-def _matches_none(
-    table: Table, key: str, pattern: str, listed: Iterable[ListedScan]
-) -> ProjectError:
+def _no_scan(table: Table, key: str, name: str, listed: Iterable[ListedScan]) -> ProjectError:
     """A name or glob that means no scan."""
     names = ", ".join(scan.path.name for scan in islice(listed, 3))
-    cause = say('"{pattern}" matches none of the scans.', pattern=pattern)
+    cause = say('"{pattern}" matches none of the scans.', pattern=name)
     remedy = say("Correct it; the scans are {names}, ...", names=names)
     return table.error(key, cause, remedy if names else "All are excluded already.")
 
 
-def _is_meant(path: Path, pattern: str, folder: Path) -> bool:
-    """True when a glob names a scan by its name or by its path from `block.toml`."""
-    relative = Path(os.path.relpath(path, folder)).as_posix()
-    return fnmatch(path.name, pattern) or fnmatch(relative, pattern)
+def _meant(listed: Mapping[str, ListedScan], pattern: str, folder: Path) -> list[ListedScan]:
+    """Scans that a name or glob means; what is a name is no glob, and signs in it mean themselves.
+
+    Paths are counted from `block.toml`.
+    """
+
+    def names(scan: ListedScan) -> tuple[str, str]:
+        return scan.path.name, Path(os.path.relpath(scan.path, folder)).as_posix()
+
+    scans = [*listed.values()]
+    exact = [scan for scan in scans if pattern in names(scan)]
+    return exact or [scan for scan in scans if any(fnmatch(n, pattern) for n in names(scan))]
 
 
 def _reference(document: Document, brought: bool) -> ReferenceSection:
@@ -400,12 +397,6 @@ def _network(table: Table, operators: tuple[str, ...]) -> Path | None:
         raise table.error("operators", '"learned" has no network.', remedy)
     check_network(file)
     return file
-
-
-def _ortho(document: Document) -> OrthoSection:
-    table = document.table("ortho")
-    gsd_m = table.number("gsd_m") if table.has("gsd_m") else None
-    return OrthoSection(gsd_m, table.flag("balance"), table.choice("ground"))
 
 
 def described(project: Project, brought: Sequence[ListedPoint] = ()) -> BlockInput:

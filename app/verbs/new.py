@@ -1,6 +1,8 @@
 """A `block.toml` for a folder."""
 
 import argparse
+from collections.abc import Iterable
+from pathlib import Path
 
 from app.foreign_block import new_from
 from app.margin import ReadScan, accepted_values, margin_reader, read_scan
@@ -35,7 +37,7 @@ def _read_margins(found: Recognition, voice: Voice) -> tuple[ReadScan, ...]:
     """What is written beside the pictures, told scan by scan."""
     reader = margin_reader()
     frame_mm = None if found.frame_mm is None else (found.frame_mm, found.frame_mm)
-    scans = sorted({path for name in found.scans for path in found.folder.glob(name)})
+    scans = sorted({path for name in found.scans for path in _paths(found.folder, name)})
     progress, read = voice.stage("margin", voice.tell("margin.read")), []
     for path in scans:
         read.append(read_scan(path, reader, frame_mm, found.scan_pixel_um))
@@ -48,3 +50,9 @@ def _read_margins(found: Recognition, voice: Voice) -> tuple[ReadScan, ...]:
         if not scan.fields:
             voice.say(voice.tell("margin.none", scan=scan.path.name))
     return tuple(read)
+
+
+def _paths(folder: Path, name: str) -> Iterable[Path]:
+    """The file of a path, whatever signs are in it, else those of a glob."""
+    path = folder / name
+    return [path] if path.is_file() else folder.glob(name)

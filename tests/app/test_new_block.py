@@ -179,6 +179,46 @@ def test_scans_among_other_files_are_named_one_by_one__truth(folder: Path) -> No
     assert set(found.dem) == {"dmr5g.tif", "scans/dmr.tif"}
 
 
+def test_a_glob_is_written_where_it_means_no_other_file__law(folder: Path) -> None:
+    """Previews and broken sheets, which are left out, were in the glob of what lies beside them."""
+    raster(folder / "scans" / "thumb.tif", side=120)
+    (folder / "ortho" / "c.tif").write_bytes(b"II*\0 not a raster")
+    found = recognise(folder)
+    assert found.scans == ("scans/dpi_150.tif", "scans/dpi_151.tif")
+    assert found.ortho == ("ortho/a.tif", "ortho/b.tif")
+    # The run tells of a broken scan why it was set aside.
+    (folder / "scans" / "thumb.tif").write_bytes(b"II*\0 not a raster")
+    assert recognise(folder).scans == ("scans/*.tif",)
+
+
+def test_brackets_in_names_mean_themselves__law(folder: Path) -> None:
+    """The glob of such a folder matched no file, and no override such a scan."""
+    (folder / "scans").rename(folder / "scans [1938]")
+    for name in ("dpi_a[1].tif", "dpi_a1.tif"):
+        raster(folder / "roll [2]" / name)
+    raster(folder / "roll [2]" / "thumb.tif", side=120)
+    path = write_block_toml(recognise(folder))
+    with path.open("a", encoding="utf-8") as text:
+        text.write('[[scans.override]]\nfile = "dpi_a[1].tif"\ntaken = "1938"\n')
+        text.write('[[scans.override]]\nfile = "dpi_15[0].tif"\ntaken = "1939"\n')
+    taken = {scan.photo_id: scan.taken for scan in read_project(folder).scans.listed}
+    assert taken == {"dpi_a[1]": "1938", "dpi_a1": "", "dpi_150": "1939", "dpi_151": ""}
+
+
+def test_rows_may_run_to_the_north_and_pixels_be_floats__truth(folder: Path) -> None:
+    """Such an ortho was taken for a scan or passed over, such heights for a broken scan."""
+    south_up = rasterio.Affine(2.0, 0.0, -743000.0, 0.0, 2.0, -1044000.0)
+    raster(folder / "ortho" / "c.tif", bands=3, crs=CRS, transform=south_up)
+    raster(folder / "ortho" / "d.tif", bands=3, dtype="float32", crs=CRS, transform=NORTH_UP)
+    raster(folder / "dem2.tif", side=100, dtype="float32", crs=CRS, transform=south_up)
+    found = recognise(folder)
+    assert (found.scans, found.ortho) == (("scans/*.tif",), ("ortho/*.tif",))
+    assert found.dem == ("*.tif",)
+    assert found.notes == ()
+    raster(folder / "ortho" / "classes.tif", bands=7, crs=CRS, transform=NORTH_UP)
+    assert noted(recognise(folder)).startswith("ortho/classes.tif is not used")
+
+
 def test_turned_georeference_with_crs_is_a_scan_and_a_named_sheet_without_is_none__truth(
     tmp_path: Path,
 ) -> None:
