@@ -150,7 +150,7 @@ class Project:
     """What is known of the ground; empty for a block that stands on points of its own."""
     control: ControlSection = ControlSection()
     """Surveyed points."""
-    ortho: OrthoSection = OrthoSection()
+    ortho: OrthoSection = field(default_factory=OrthoSection)
     """What orthos and mosaic are to be."""
     adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
     """`[adjustment]`."""
@@ -261,11 +261,9 @@ def _listed(
     listed: dict[str, ListedScan] = {}
     for path in table.files("files"):
         if path.stem in listed:
-            first, told = (
-                listed[path.stem].path,
-                "two scans are called {stem}: {first} and {second}.",
-            )
-            cause = say(told, stem=path.stem, first=first, second=path)
+            told = "two scans are called {stem}: {first} and {second}."
+            values = {"stem": path.stem, "first": listed[path.stem].path, "second": path}
+            cause = say(told, **values)
             raise table.error("files", cause, "Rename one; the name tells the photo.")
         listed[path.stem] = ListedScan(path.stem, path, camera, pixel_um, usual)
     if not isinstance(taken, str):
