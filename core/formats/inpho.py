@@ -33,6 +33,7 @@ from core.formats.film_rays import (
     without_sigmas,
 )
 from core.formats.records import Record, one_word, read_records, write_lines
+from core.formats.words import in_words
 from core.frames import HALF_PIXEL
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 
@@ -52,6 +53,7 @@ def write_inpho(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     Returns:
         What was left out.
     """
+    block, renamed = in_words(block, scans=False)
     rays, notes = film_rays(block)
     lines = ["$PROJECT 5.0.0", "  $LINEAR_UNITS_OF_OBJECT : m", "  $LINEAR_UNITS_OF_IMAGE : mm"]
     lines += ["  $ANGULAR_UNITS : deg", "  $COORDINATE_SYSTEM :", f"     {block.crs}", "$END"]
@@ -63,10 +65,10 @@ def write_inpho(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     for point in block.points.values():
         code = CONTROL_CODE if point.role == "control" else CHECK_CODE
         cells = [*map(repr, point.position), code, *map(repr, point.sigma_m or (0, 0, 0))]
-        lines.append(" ".join(["  " + one_word(point.point_id), *cells]))
+        lines.append(" ".join(["  " + point.point_id, *cells]))
     lines += ["$END_POINTS"]
     write_lines(path, lines)
-    return (*notes, *without_sigmas(block.photos.values()), untested())
+    return (*renamed, *notes, *without_sigmas(block.photos.values()), untested())
 
 
 def _camera_lines(block: ExchangeBlock, photo: ExchangePhoto) -> Iterator[str]:
@@ -78,7 +80,7 @@ def _camera_lines(block: ExchangeBlock, photo: ExchangePhoto) -> Iterator[str]:
     shift = (photo.pixel_from_image[:, 2] - HALF_PIXEL).tolist()
     columns, rows = camera.size_px or (0, 0)
     yield "$CAMERA_DEFINITION"
-    yield f"  $ID : {one_word(photo.camera)}-{one_word(photo.photo_id)}"
+    yield f"  $ID : {one_word(photo.camera)}-{photo.photo_id}"
     yield f"  $CCD_COLUMNS : {columns}"
     yield f"  $CCD_ROWS : {rows}"
     yield "  $PIXEL_REFERENCE : CenterTopLeft"
@@ -94,11 +96,11 @@ def _photo_lines(
     block: ExchangeBlock, photo: ExchangePhoto, rays: Sequence[FilmRay]
 ) -> Iterator[str]:
     yield "$PHOTO"
-    yield f"  $PHOTO_NUM : {one_word(photo.photo_id)}"
+    yield f"  $PHOTO_NUM : {photo.photo_id}"
     yield f"  $PHOTO_FILE : {photo.file}"
     oriented = photo.camera in block.cameras and photo.pixel_from_image is not None
     if oriented:
-        yield f"  $CAMERA_ID : {one_word(photo.camera)}-{one_word(photo.photo_id)}"
+        yield f"  $CAMERA_ID : {one_word(photo.camera)}-{photo.photo_id}"
     if photo.exterior is not None:
         distance = principal_distance_mm(block, photo.photo_id) if oriented else 0.0
         yield "  $EXT_ORI : "
@@ -111,7 +113,7 @@ def _photo_lines(
         for ray in rays:
             code = "2" if ray.point_id in controls else "1"
             sigma = 0.0 if ray.sigma_mm is None else ray.sigma_mm
-            cells = (one_word(ray.point_id), repr(ray.x_mm), repr(ray.y_mm), repr(sigma), code)
+            cells = (ray.point_id, repr(ray.x_mm), repr(ray.y_mm), repr(sigma), code)
             yield "    " + " ".join([*cells, "{ * }"])
         yield "  $END_POINTS"
     yield "$END"

@@ -9,8 +9,12 @@ from core.formats.records import one_word
 from core.said import say
 
 
-def in_words(block: ExchangeBlock) -> tuple[ExchangeBlock, tuple[str, ...]]:
+def in_words(block: ExchangeBlock, *, scans: bool = True) -> tuple[ExchangeBlock, tuple[str, ...]]:
     """A block whose photos, scans, points and ties bear names without blanks, each its own.
+
+    Args:
+        block: The block.
+        scans: Whether the files of scans are renamed, too; else they stay what they are.
 
     Returns:
         The block, and a sentence on what was renamed, where there is any.
@@ -19,11 +23,12 @@ def in_words(block: ExchangeBlock) -> tuple[ExchangeBlock, tuple[str, ...]]:
     ties = _words(block.ties.names)
     files = {
         name: one.file
-        if one.file == one_word(one.file)
+        if not scans or one.file == one_word(one.file)
         else photos[name] + one_word(PurePath(one.file).suffix).strip("-")
         for name, one in block.photos.items()
     }
-    renamed = {one.file: files[name] for name, one in block.photos.items()} | points
+    named = {one.file: files[name] for name, one in block.photos.items()} if scans else photos
+    renamed = named | points
     renamed = {name: word for name, word in renamed.items() if name != word}
     if not renamed and all(name == word for name, word in (photos | ties).items()):
         return block, ()

@@ -43,7 +43,7 @@ def test_every_name_becomes_a_word_of_its_own__law() -> None:
     assert len(out.measurements) == len(block.measurements)
 
 
-@pytest.mark.parametrize("name", ["odm", "asp", "bundler", "bingo", "opk"])
+@pytest.mark.parametrize("name", ["odm", "asp", "bundler", "bingo", "inpho", "opk"])
 def test_names_with_blanks_come_back_as_words__law(name: str, tmp_path: Path) -> None:
     form = FORMATS[name]
     block = with_blanks(block_of((7, 3, 1, False), form.holds))
