@@ -160,9 +160,13 @@ def export_target(session: Session, name: str, out: Path | None) -> Path:
     with explain_disk_errors(target):
         stamp = target / STAMP
         known = os.fsdecode(stamp.read_bytes()).split("\n") if stamp.exists() else []
-        others = sorted({*_files_in(target)} - {*known, STAMP})
+        tops = {STAMP, *(name.partition("/")[0] for name in known)}
+        others = {one.name for one in target.iterdir()} - tops
+        others = others or {*_files_in(target)} - {STAMP, *known}
     if others:
-        raise StorageError(target, "holds {name}, which no export wrote.", another, name=others[0])
+        raise StorageError(
+            target, "holds {name}, which no export wrote.", another, name=min(others)
+        )
     return target
 
 
