@@ -308,6 +308,8 @@ class Block:
     """Measurements of surveyed points by (point, photo)."""
     ties: TiePoints = field(default_factory=TiePoints.none)
     """Tie points."""
+    fixed_origin: Position | None = None
+    """Origin of the local frame whatever becomes of the photos; None where it is their middle."""
 
     def camera_of(self, photo_id: str) -> Camera:
         """The camera of a photo."""
@@ -316,6 +318,8 @@ class Block:
     @property
     def origin(self) -> Position:
         """Origin of the local frame: middle of the photos' approximate centres, height nought."""
+        if self.fixed_origin is not None:
+            return self.fixed_origin
         centres = np.array([photo.approximate.centre for photo in self.photos.values()])
         east, north = float(centres[:, 0].mean()), float(centres[:, 1].mean())
         return np.array([round(east, -1), round(north, -1), 0.0])
@@ -356,6 +360,10 @@ class Block:
             for name, point in self.surveyed.items()
             if point.role == "check" and point.source == "surveyed" and name in seen
         )
+
+    def with_fixed_origin(self) -> "Block":
+        """The same block, whose local frame stays where it is when photos are placed anew."""
+        return replace(self, fixed_origin=locked(self.origin))
 
     def with_photos(self, photos: Mapping[str, Photo]) -> "Block":
         """The same block with other photos."""

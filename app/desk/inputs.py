@@ -231,7 +231,7 @@ def desk_inputs(
             say("Run it first: gruber run {folder}", folder=project.folder),
         )
     scans = ScanFiles(project.folder)
-    files, block = given.reference, assembly.report.block
+    files, block = given.reference, assembly.report.block.with_fixed_origin()
     reference = open_reference(files, placed.block.search_bounds, level_of(block))
     initial = initial_state_of(given, session, placed)
     opened = photographs(scans, initial)

@@ -29,6 +29,7 @@ from core.errors import PhotogrammetryError
 from core.localisation.photo_orientation import OrientationOptions
 from core.progress import SILENT
 from core.raster.scan_file import open_scan
+from sessions.decisions import PlacePhoto
 from sessions.session import Session
 from tests.core.sheets.test_map_sheets import write
 from tests.core.ties.rendered import rendered_block, terrain
@@ -182,6 +183,26 @@ def test_boxes_and_protocol_tell_what_the_desk_adjusts_with__truth(
     inputs.remake((), SILENT, inputs.adjust(inputs.block, SILENT))
     said = json.loads((folder / "results" / "adjustment.json").read_text(encoding="utf-8"))
     assert said["options"]["cameras_estimated"] is False
+
+
+def test_the_scene_stays_on_its_ground_when_a_photo_is_placed__truth(tiny_run: Tiny) -> None:
+    """Points and photos were drawn beside the terrain, by a share of what the photo was moved."""
+    name = tiny_run.names[0]
+    columns, rows = 200.0, 200.0
+    pairs = ((40.0, 40.0), (columns, 40.0), (columns, rows), (40.0, rows))
+    with Session.open(tiny_run.folder, "anna") as session:
+        inputs = inputs_of(read_project(tiny_run.folder), session, "anna", "127.0.0.1", 0)
+        photo, camera = inputs.block.photos[name], inputs.block.camera_of(name)
+        ground = photo.object_from_pixel(np.array(pairs), np.full(4, 280.0), camera)[:, :2] + 3000
+        clicks = tuple(
+            (*pixel, *place) for pixel, place in zip(pairs, ground.tolist(), strict=True)
+        )
+        session.record(PlacePhoto(name, clicks))
+        placed = session.replayed(inputs.block, inputs.initial.films, inputs.initial.cameras)
+        session.undo()
+    moved = placed.photos[name].approximate.centre - photo.approximate.centre
+    assert np.hypot(*moved[:2]) > 2000
+    assert np.array_equal(placed.origin, inputs.block.origin)
 
 
 def shown(sheet: Path, mosaic: Path) -> tuple[np.ndarray, np.ndarray]:
