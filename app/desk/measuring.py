@@ -29,6 +29,7 @@ from ui.review.mark_gestures import MarkPlaced
 from ui.review.new_points import ORTHO, next_name
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState, InitialState, Notice, Seat
+from ui.review.to_measure import stated_place
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,21 +260,25 @@ def measurements_of(state: DeskState, point_id: str) -> tuple[Measurement, ...]:
 class Proposer:
     """Wants proposals of a point as soon as somebody looks where it is not measured yet.
 
-    Once for each set of its measurements: what was measured since says more.
+    Once for each set of its measurements, while it has the same coordinates: what was measured
+    since says more.
     """
 
     def __init__(self) -> None:
-        self._wanted: dict[str, tuple[Measurement, ...]] = {}
+        self._wanted: dict[str, tuple[bytes, tuple[Measurement, ...]]] = {}
 
     def wanted(self, state: DeskState, seats: Iterable[Seat]) -> Iterator[ProposalsWanted]:
         """What to look for now."""
+        block = state.block
+        still = {k: v for k, v in self._wanted.items() if v[0] == stated_place(block, k)}
+        self._wanted = still
         for seat in seats:
             if seat.current is None or not state.is_waiting(seat.current):
                 continue
             name = seat.current[0]
-            measured = measurements_of(state, name)
-            if self._wanted.get(name) != measured:
-                self._wanted[name] = measured
+            asked = stated_place(block, name), measurements_of(state, name)
+            if self._wanted.get(name) != asked:
+                self._wanted[name] = asked
                 yield ProposalsWanted(seat.seat_id, name)
 
 

@@ -56,15 +56,33 @@ def with_waiting(state: DeskState) -> DeskState:
 
 
 def kept_up(before: DeskState, after: DeskState, dem: HeightSource) -> DeskState:
-    """The desk after decisions: points that came or moved are predicted at once."""
-    one, other = points_of_user(before.block), points_of_user(after.block)
-    same = len(one) == len(other) and all(
-        old is new or (old.point_id == new.point_id and np.array_equal(old.position, new.position)
-                       and np.array_equal(old.sigma_m, new.sigma_m))
-        for old, new in zip(one, other, strict=True)
-    )  # fmt: skip
-    same = same and _rays_of_new(before.block) == _rays_of_new(after.block)
+    """The desk after decisions: points that came or moved are predicted at once.
+
+    What was proposed of a point that moved is of another place.
+    """
+    moved, known = _moved_points(before.block, after.block), after.to_measure
+    if moved:
+        left = {key: item for key, item in known.proposals.items() if key[0] not in moved}
+        after = replace(after, to_measure=replace(known, proposals=left))
+    same = not moved and _rays_of_new(before.block) == _rays_of_new(after.block)
     return with_waiting(after) if same else with_predictions(after, dem)
+
+
+def _moved_points(before: Block, after: Block) -> set[str]:
+    """Points of the user that came, went, or have other coordinates."""
+    one, other = ({p.point_id: p for p in points_of_user(block)} for block in (before, after))
+    return {
+        name
+        for name in one.keys() | other.keys()
+        if one.get(name) is not other.get(name)
+        and stated_place(before, name) != stated_place(after, name)
+    }
+
+
+def stated_place(block: Block, name: str) -> bytes:
+    """Where a point lies and how surely, to be compared; nothing where there is none."""
+    point = block.surveyed.get(name)
+    return b"" if point is None else point.position.tobytes() + point.sigma_m.tobytes()
 
 
 def _rays_of_new(block: Block) -> Mapping[str, list[Measurement]]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.desk.measuring import Proposer
 from sessions.decisions import Accept, MarkNotVisible, Place, Recorded, Reject, Withdraw
 from sessions.replay import replay
 from tests.ui.desk_block import tiny_block
@@ -202,6 +203,31 @@ def test_the_page_gets_the_ellipse_and_no_misfit_of_a_prediction__law(desk, seat
     predictions = desk.state.to_measure.predictions
     assert views == sorted(views, key=lambda key: predictions[key].view)
     assert all(other["at"] for other in part["others"])
+
+
+def test_a_point_with_other_coordinates_is_searched_anew__law(desk, seat):
+    """What was found at the old ones stayed proposed, also where nobody looked between."""
+    name, proposer = seat.current[0], Proposer()
+
+    def wanted(state):
+        return [one.point_id for one in proposer.wanted(state, [seat])]
+
+    state = proposed(desk, seat.current).state
+    other = next(key for key in state.to_measure.waiting if key[0] != name)
+    state = with_proposals(
+        state, {**state.to_measure.proposals, other: state.to_measure.waiting[other]}
+    )
+    assert (wanted(state), wanted(state)) == ([name], [])
+    point = state.block.surveyed[name]
+    there = replace(point, position=point.position + np.array([8.0, 0.0, 0.0]))
+    block = replace(state.block, surveyed={**state.block.surveyed, name: there})
+    moved = kept_up(state, replace(state, block=block), DEM)
+    assert moved.to_measure.proposals.keys() == {other}
+    assert moved.to_measure.waiting[seat.current].score == 0.0
+    elsewhere = replace(seat, current=other)
+    assert [one.point_id for one in proposer.wanted(moved, [elsewhere])] == [other[0]]
+    back = kept_up(moved, replace(moved, block=state.block), DEM)
+    assert wanted(back) == [name]
 
 
 def test_points_that_come_are_predicted_at_once__law(desk):
