@@ -21,7 +21,7 @@ from shapely.geometry import box
 
 from core.mosaic.blending import cells_about, spread, tone_corrections
 from core.mosaic.drawing import FEATHER_PX, balanced, lay_seams, read_overviews
-from core.mosaic.layers import Layers, OrthoFiles
+from core.mosaic.layers import Layers, OrthoFiles, common_crs_and_depth
 from core.mosaic.radiometry import Balance, FilmPlane
 from core.mosaic.seam_cut import SeamGuides
 from core.mosaic.seams import EditedSeams, Seam, write_seams
@@ -187,10 +187,9 @@ def compose_mosaic(
         The mosaic.
     """
     options, notes = options or MosaicOptions(), ()
-    with rasterio.open(orthos[0].path) as first:
-        crs, dtype = first.crs.to_string(), np.dtype(first.dtypes[0])
+    crs, dtype = common_crs_and_depth(orthos)
     scale = float(np.iinfo(dtype).max)
-    overviews = read_overviews(orthos, grid, Part(progress, 0.0, READ))
+    overviews = read_overviews(orthos, grid, scale, Part(progress, 0.0, READ))
     balances = balanced(orthos, overviews, planes, scale, untouched=not options.balance)
     if seams is None or isinstance(seams, EditedSeams):
         seams, notes = lay_seams(
@@ -240,7 +239,7 @@ def compose_window(
     Returns:
         Gray values in the type of the mosaic, 0 where no photo shows anything.
     """
-    with rasterio.open(orthos[0].path) as file:
+    with rasterio.open(made.path) as file:
         dtype = np.dtype(file.dtypes[0])
     work = _prepare(orthos, made.grid, seams, made.balances, dtype, None, None)
     try:

@@ -41,13 +41,13 @@ def cell_px(orthos: Sequence[OrthoProduct]) -> int:
 
 
 def read_overviews(
-    orthos: Sequence[OrthoProduct], grid: Grid, progress: Progress
+    orthos: Sequence[OrthoProduct], grid: Grid, full_scale: float, progress: Progress
 ) -> list[Overview]:
-    """The orthos in small."""
+    """The orthos in small, with gray values up to one full scale."""
     side, overviews = cell_px(orthos), list[Overview]()
     for done, ortho in enumerate(orthos):
         _assert_aligned(ortho.grid, grid)
-        overviews.append(read_overview(ortho, side))
+        overviews.append(read_overview(ortho, side, full_scale))
         progress.report(float(done + 1), float(len(orthos)), "seams and balance")
     return overviews
 

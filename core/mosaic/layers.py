@@ -14,6 +14,26 @@ from core.orthos.rectification import OrthoProduct
 from core.raster.grid import Grid, Pixels, window_of
 
 
+def common_crs_and_depth(orthos: Sequence[OrthoProduct]) -> tuple[str, np.dtype[Any]]:
+    """The CRS of orthos, and their deepest type of values; scans may have 8 and 16 bit."""
+    crs, depths = "", set[np.dtype[Any]]()
+    for ortho in orthos:
+        with rasterio.open(ortho.path) as file:
+            crs = file.crs.to_string()
+            depths.add(np.dtype(file.dtypes[0]))
+    return crs, max(depths, key=lambda depth: depth.itemsize)
+
+
+def in_depth(values: Pixels, depth: np.dtype[Any]) -> Pixels:
+    """Gray values with the range of another type; what is seen stays at least 1."""
+    if values.dtype == depth:
+        return values
+    own, wanted = int(np.iinfo(values.dtype).max), int(np.iinfo(depth).max)
+    if wanted > own:
+        return values.astype(depth) * depth.type(wanted // own)
+    return (-(-values.astype(np.int64) // (own // wanted))).astype(depth)
+
+
 class OrthoFiles:
     """The files of all orthos of a mosaic, opened once by each thread that reads them."""
 
@@ -38,7 +58,7 @@ class OrthoFiles:
         if first < last and top < bottom:
             place = np.s_[top - row : bottom - row, first - column : last - column]
             window = window_of((first, top, last - first, bottom - top))
-            values[place] = self._file(ortho.path).read(1, window=window)
+            values[place] = in_depth(self._file(ortho.path).read(1, window=window), self.dtype)
         return values
 
     def close(self) -> None:

@@ -165,8 +165,10 @@ class SeamLevel:
         return (north**2)[:, None] + (east**2)[None, :]
 
 
-def read_overview(ortho: OrthoProduct, pixels_per_cell: int) -> Overview:
-    """Means over cells of an ortho, read strip by strip."""
+def read_overview(
+    ortho: OrthoProduct, pixels_per_cell: int, full_scale: float | None = None
+) -> Overview:
+    """Means over cells of an ortho, read strip by strip, with its own full scale or another."""
     gsd = ortho.grid.ground_sample_distance_m
     grid = Grid.over(ortho.grid.bounds, gsd * pixels_per_cell)
     corner = np.array([[ortho.grid.west, ortho.grid.north]])
@@ -188,7 +190,10 @@ def read_overview(ortho: OrthoProduct, pixels_per_cell: int) -> Overview:
             strip[place] = file.read(1, window=window)
             sums[cells] = sums_over_cells(strip, pixels_per_cell)
             counts[cells] = sums_over_cells((strip != NODATA).view(np.uint8), pixels_per_cell)
+        own_scale = np.float32(np.iinfo(file.dtypes[0]).max)
     values = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+    if full_scale is not None:
+        values *= np.float32(full_scale) / own_scale
     return Overview(ortho.photo_id, ortho.nadir, grid, values, counts / pixels_per_cell**2)
 
 

@@ -105,7 +105,7 @@ def fit_seams(
         return ()
     length_m = sum(line.length for line in borders.values())
     spacing_m = max(SPACING_PX * mosaic.grid.ground_sample_distance_m, length_m / MOST_PLACES)
-    with rasterio.open(orthos[0].path) as file:
+    with rasterio.open(mosaic.path) as file:
         dtype = np.dtype(file.dtypes[0])
     files = OrthoFiles(orthos, mosaic.balances, dtype)
     try:

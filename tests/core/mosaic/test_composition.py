@@ -6,8 +6,15 @@ import rasterio
 import shapely
 
 from core.mosaic.blending import REACH_PX
-from core.mosaic.composition import FormerMosaic, MosaicOptions, compose_mosaic, mosaic_grid
+from core.mosaic.composition import (
+    FormerMosaic,
+    MosaicOptions,
+    compose_mosaic,
+    compose_window,
+    mosaic_grid,
+)
 from core.mosaic.radiometry import FilmPlane
+from core.mosaic.seam_fit import fit_seams
 from core.mosaic.seams import EditedSeams, Seam
 from core.raster.grid import Grid
 from tests.core.mosaic.conftest import write_ortho
@@ -36,6 +43,27 @@ def test_mosaic_of_identical_orthos_is_the_ortho__law(tmp_path):
     assert np.array_equal(read(product.path), values)
     assert len(product.seams) == 3
     assert product.covered_share == pytest.approx(np.mean(values > 0))
+
+
+@pytest.mark.parametrize("depths", [("uint8", "uint16"), ("uint16", "uint8")])
+@pytest.mark.parametrize("balance", [True, False])
+def test_photos_of_8_and_16_bit_have_one_depth__truth(tmp_path, depths, balance):
+    rng = np.random.default_rng(1)
+    grid = Grid.over((1000.0, 2000.0, 1700.0, 2600.0), 1.0)
+    ground = rng.integers(1, 256, (grid.rows, grid.columns), dtype=np.uint8)
+    factors = {"uint8": 1, "uint16": 257}
+    orthos = []
+    for name, depth, nadir in zip("ab", depths, [(1100.0, 2300.0), (1600.0, 2300.0)], strict=True):
+        values = ground.astype(depth) * np.array(factors[depth], depth)
+        orthos.append(write_ortho(tmp_path / f"{name}.tif", name, grid, values, nadir))
+    product = compose(orthos, tmp_path, options=MosaicOptions(balance=balance))
+    assert np.array_equal(read(product.path), ground.astype(np.uint16) * 257)
+    part = (200, 100, 300, 200)
+    shown = compose_window(orthos, product, product.seams, part)
+    assert np.array_equal(shown, ground[100:300, 200:500].astype(np.uint16) * 257)
+    (fit,) = fit_seams(product, orthos)
+    assert fit.step_95 == 0
+    assert fit.matched == fit.places > 10
 
 
 def test_mosaic_shows_what_any_ortho_shows__law(block, tmp_path):
