@@ -16,7 +16,7 @@ from core.arrays import Matrix, PixelPoints, Scalars, locked
 from core.errors import ScanError
 from core.geometry.camera import Camera
 from core.geometry.interior import InteriorOrientation
-from core.raster.scan_file import ScanFile, read_window
+from core.raster.scan_file import ScanFile, read_overview, read_window
 from core.said import say
 
 Side = Literal["left", "right", "top", "bottom"]
@@ -347,7 +347,10 @@ def find_data_strip(scan: ScanFile, pixel_mm: float, area: FilmArea) -> Side | N
         "top": (low[0] + ends, low[1] - reach, high[0] - ends, low[1] - gap),
         "bottom": (low[0] + ends, high[1] + gap, high[0] - ends, high[1] + reach),
     }
-    written = {side: _written_mm2(scan, boxes[side], reduction, pixel_mm) for side in STRIP_SIDES}
+    least = WRITING * _white(scan) / 255.0
+    written = {
+        side: _written_mm2(scan, boxes[side], reduction, pixel_mm, least) for side in STRIP_SIDES
+    }
     order = sorted(STRIP_SIDES, key=lambda side: written[side], reverse=True)
     first, second = written[order[0]], written[order[1]]
     if first < LEAST_WRITING_MM2 or first < AHEAD * second:
@@ -355,13 +358,23 @@ def find_data_strip(scan: ScanFile, pixel_mm: float, area: FilmArea) -> Side | N
     return order[0]
 
 
+def _white(scan: ScanFile) -> float:
+    """Largest gray value of the depth that a scan has; many of 16 bit hold only 10 or 12."""
+    if scan.dtype == "uint8":
+        return 255.0
+    reduction = max(1, -(-max(scan.size_px) // OVERVIEW_PX))
+    brightest = max(float(read_overview(scan, reduction).max()), 255.0)
+    return 2.0 ** np.ceil(np.log2(brightest + 1)) - 1
+
+
 def _written_mm2(
     scan: ScanFile,
     box: tuple[float, float, float, float],
     reduction: int,
     pixel_mm: float,
+    least: float,
 ) -> float:
-    """Area of what differs from the film in the part of a box that lies in the scan."""
+    """Area of what differs by `least` from the film in the part of a box that lies in the scan."""
     columns, rows = scan.size_px
     left, top = max(round(box[0]), 0), max(round(box[1]), 0)
     right, bottom = min(round(box[2]), columns), min(round(box[3]), rows)
@@ -371,17 +384,17 @@ def _written_mm2(
     if right - left < bottom - top:
         gray = gray.T
     cell_mm = pixel_mm * reduction
-    return float(_differs(gray).sum()) * cell_mm**2
+    return float(_differs(gray, least).sum()) * cell_mm**2
 
 
-def _differs(gray: Float32[np.ndarray, "across along"]) -> np.ndarray:
+def _differs(gray: Float32[np.ndarray, "across along"], least: float) -> np.ndarray:
     """Cells unlike the film in their row; rows run along the border of the picture.
 
     A row of scanner bed or of paper is even and holds nothing; the film's own gray is the row's
     median, so that a dark film on a white bed is no writing.
     """
     level = np.median(gray, axis=1, keepdims=True)
-    step = np.abs(gray - level) > WRITING
+    step = np.abs(gray - level) > least
     busy = step.mean(axis=1, keepdims=True) < 0.5
     cleaned = cv2.morphologyEx((step & busy).astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2)))
     return np.asarray(cleaned)

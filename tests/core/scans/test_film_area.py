@@ -8,7 +8,7 @@ import pytest
 
 from core.geometry.camera import Camera
 from core.raster.scan_file import open_scan, read_overview
-from core.scans.film_area import detect_film_area
+from core.scans.film_area import detect_film_area, find_data_strip
 from core.scans.interior_orientation import orient_scan
 from core.scans.photo_mask import find_usable_area
 from tests.core.scans.film_maker import FIDUCIALS, Film, film_from_pixel, make_film, write_gray
@@ -53,6 +53,21 @@ def test_nothing_to_see_is_not_trusted__truth(tmp_path: Path) -> None:
     write_gray(tmp_path / "blank.tif", (120 + rng.normal(0, 5, (1600, 1600))).astype(np.uint8))
     area = detect_film_area(open_scan(tmp_path / "blank.tif"), CAMERA, 0.04)
     assert not area.trusted
+
+
+@pytest.mark.parametrize("factor", [1, 16, 257], ids=["8 bit", "12 bit of 16", "16 bit"])
+def test_the_data_strip_is_found_at_any_depth__truth(tmp_path: Path, factor: int) -> None:
+    film = Film(margin_mm=12.0)
+    make_film(tmp_path / "film.tif", film)
+    gray = read_overview(open_scan(tmp_path / "film.tif"), 1).astype(np.uint16)
+    for row in (900, 1150):
+        cv2.ellipse(gray, (150, row), (110, 65), 0, 0, 360, (220,), -1)
+    # A faint note on another side is no strip, however deep the scan.
+    gray[-200:-50, 800:1000] += 8
+    write_gray(tmp_path / "dials.tif", gray.astype(np.uint8) if factor == 1 else gray * factor)
+    scan = open_scan(tmp_path / "dials.tif")
+    area = detect_film_area(scan, CAMERA, film.pixel_mm)
+    assert find_data_strip(scan, film.pixel_mm, area) == "left"
 
 
 def test_mask_keeps_picture_and_leaves_out_marks_and_margin__truth(tmp_path: Path) -> None:
