@@ -7,6 +7,7 @@ inside the project a pixel is counted from its outer corner, so half a pixel is 
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rasterio
@@ -17,6 +18,7 @@ from core.errors import ScanError
 from core.formats.records import plain_bytes, status_of
 from core.frames import HALF_PIXEL
 from core.geometry.crs import FARTHEST_M
+from core.geometry.transforms import PlaneTransform, fit_affine
 
 NO_AREA = 1e-18  # design: a pixel of a nanometre, which is rounding and no pixel.
 """Square metres (or degrees) below which a pixel has no area."""
@@ -30,6 +32,8 @@ class WorldFile:
     """The file it was read from."""
     object_from_pixel: Affine2
     """Easting, northing from (column, row), outer corner of the first pixel (0, 0)."""
+    crs: str = ""
+    """Their CRS as WKT, which a GeoTIFF may name; empty where it is that of the block."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "object_from_pixel", locked(self.object_from_pixel))
@@ -112,7 +116,10 @@ def world_file_suffix(raster: Path) -> str:
 
 
 def read_georeference(raster: Path) -> WorldFile | None:
-    """World file beside a raster, else the georeference inside it (GeoTIFF); None without one."""
+    """World file beside a raster, else what a GeoTIFF has inside; None without one.
+
+    Inside is a transform, or three or more points with coordinates, which an affine is fitted to.
+    """
     beside = find_world_file(raster)
     if beside is not None:
         return read_world_file(beside)
@@ -121,17 +128,30 @@ def read_georeference(raster: Path) -> WorldFile | None:
         try:
             status_of(raster)
             with rasterio.open(raster) as dataset:
-                transform = dataset.transform
+                transform, crs = dataset.transform, dataset.crs
+                points, crs_of_points = dataset.gcps
         except (RasterioError, OSError) as error:
             raise ScanError(
                 raster, "It is not an image that can be read.", "Copy the scan again."
             ) from error
-    if transform.is_identity:
+    if not transform.is_identity:
+        matrix = np.array(
+            [[transform.a, transform.b, transform.c], [transform.d, transform.e, transform.f]]
+        )
+        return WorldFile(raster, matrix, _on_earth(crs))
+    pixels = np.array([[point.col, point.row] for point in points]).reshape(-1, 2)
+    places = np.array([[point.x, point.y] for point in points]).reshape(-1, 2)
+    fit = fit_affine(pixels, places)
+    if not isinstance(fit, PlaneTransform):
         return None
-    matrix = np.array(
-        [[transform.a, transform.b, transform.c], [transform.d, transform.e, transform.f]]
-    )
-    return WorldFile(raster, matrix)
+    return WorldFile(raster, fit.matrix, _on_earth(crs_of_points))
+
+
+def _on_earth(crs: Any) -> str:
+    """WKT of a CRS of rasterio; empty for none, and for one that says nothing of the Earth."""
+    if crs is None or not (crs.is_projected or crs.is_geographic):
+        return ""
+    return crs.to_wkt(version="WKT2_2019")
 
 
 def _endings(extension: str) -> list[str]:

@@ -5,7 +5,7 @@ and further hypotheses if the rotation is not known.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -20,7 +20,14 @@ from core.formats.outlines import Footprint
 from core.formats.qgis_points import QgisPoints
 from core.formats.world_file import WorldFile
 from core.geometry.camera import Camera
-from core.geometry.crs import Bounds, check_range, operation_between, read_crs
+from core.geometry.crs import (
+    Bounds,
+    check_range,
+    horizontal,
+    operation_between,
+    read_crs,
+    same_coordinates,
+)
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 from core.geometry.transforms import (
@@ -28,6 +35,7 @@ from core.geometry.transforms import (
     PlaneTransform,
     apply_affine,
     compose_affine,
+    fit_affine,
     fit_similarity,
     invert_affine,
     rotation_and_scale,
@@ -123,10 +131,16 @@ def approximate_from_world_file(
         ground: CRS and mean height.
 
     Raises:
-        ScanError: The world file is mirrored.
+        ScanError: The world file is mirrored and the scan is not, or the scan alone is.
         CrsError: Its coordinates cannot belong to the block's CRS.
     """
-    if world.mirrored:
+    if interior.mirrored and not world.mirrored:
+        raise ScanError(
+            world.path,
+            "The scan shows the film from its back, and the georeference is not mirrored.",
+            "Georeference the scan as it is, or turn it over.",
+        )
+    if world.mirrored and not interior.mirrored:
         raise ScanError(
             world.path,
             "The georeference is mirrored: the determinant of A, D, B, E is positive.",
@@ -377,6 +391,23 @@ def _in_block(plane: PlanePoints, crs: str, block_crs: str, file: Path) -> Plane
         return plane
     check_range(read_crs(crs, file), plane, file)
     return operation_between(crs, block_crs, plane, file).forward(plane)
+
+
+def world_in_block(world: WorldFile, size_px: tuple[int, int], crs: str) -> WorldFile:
+    """A scan's georeference in the block's CRS, as the affine of its corners.
+
+    Raises:
+        CrsError: Its coordinates cannot be in the CRS that it names, or there is no way from there.
+    """
+    columns, rows = (float(side) for side in size_px)
+    pixels = np.array([[0.0, 0.0], [columns, 0.0], [columns, rows], [0.0, rows]])
+    plane = apply_affine(world.object_from_pixel, pixels)
+    own = horizontal(read_crs(world.crs, world.path)).to_wkt() if world.crs else crs
+    if same_coordinates(own, crs, plane):
+        return world
+    fit = fit_affine(pixels, _in_block(plane, own, crs, world.path))
+    assert isinstance(fit, PlaneTransform), "corners of a scan lie in no line"
+    return replace(world, object_from_pixel=fit.matrix, crs=crs)
 
 
 def _affine_doubt(photo_id: str, object_from_film: Affine2) -> tuple[Doubt, ...]:

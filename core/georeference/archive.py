@@ -26,6 +26,7 @@ from core.georeference.approximation import (
     approximate_in_area,
     flight_directions,
     world_file_centre,
+    world_in_block,
 )
 from core.raster.dem import Dem
 from core.said import say
@@ -213,6 +214,7 @@ def _from_world_file(
     world = read_georeference(oriented.scan.path)
     if world is None:
         return None
+    world = world_in_block(world, oriented.scan.size_px, archive.crs)
     ground = _ground(dem, archive.crs, *world_file_centre(world, oriented.interior, camera))
     return approximate_from_world_file(world, oriented.interior, camera, ground)
 

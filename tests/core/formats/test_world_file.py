@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pyproj import CRS
 
 from core.errors import ScanError
 from core.formats.qgis_points import read_qgis_points
@@ -17,6 +18,7 @@ from core.formats.world_file import (
     write_world_file,
 )
 from core.geometry.transforms import PlaneTransform, fit_affine, rotation_and_scale
+from core.raster.files import open_plain
 from tests.core.scans.film_maker import write_gray
 
 finite = st.floats(-1e3, 1e3, allow_nan=False)
@@ -101,6 +103,25 @@ def test_georeference_inside_the_tiff__truth(tmp_path: Path) -> None:
     np.testing.assert_allclose(inside.object_from_pixel, [[0.5, 0.1, 7e5], [0.1, -0.5, 5e6]])
     write_gray(tmp_path / "plain.tif", np.zeros((8, 8), np.uint8))
     assert read_georeference(tmp_path / "plain.tif") is None
+
+
+def test_points_inside_the_tiff_and_its_crs__truth(tmp_path: Path) -> None:
+    """Column and row of a point count from the outer corner, as in the affine."""
+    from rasterio.control import GroundControlPoint
+
+    path = tmp_path / "p.tif"
+    write_gray(path, np.zeros((8, 8), np.uint8))
+    places = [(0, 0), (8, 0), (8, 8), (0, 8)]
+    with open_plain(path, {"mode": "r+"}) as dataset:
+        points = [GroundControlPoint(r, c, 7e5 + 0.5 * c, 5e6 - 0.5 * r) for c, r in places]
+        dataset.gcps = (points, "EPSG:32633")
+    inside = read_georeference(path)
+    assert inside is not None
+    np.testing.assert_allclose(inside.object_from_pixel, [[0.5, 0, 7e5], [0, -0.5, 5e6]], atol=1e-6)
+    assert CRS(inside.crs) == CRS("EPSG:32633")
+    with open_plain(path, {"mode": "r+"}) as dataset:
+        dataset.gcps = (points[:2], "EPSG:32633")
+    assert read_georeference(path) is None
 
 
 def test_mirrored_is_told_by_the_determinant__law(tmp_path: Path) -> None:

@@ -5,8 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from affine import Affine
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pyproj import CRS
+from rasterio.control import GroundControlPoint
 from shapely.geometry import Polygon, box
 
 from core.doubts import Failure
@@ -17,9 +20,10 @@ from core.formats.qgis_points import QgisPoints
 from core.formats.world_file import WorldFile, write_world_file
 from core.geometry.camera import Camera
 from core.geometry.collinearity import object_from_film
+from core.geometry.crs import operation_between
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.interior import nominal_interior
-from core.geometry.transforms import fit_similarity
+from core.geometry.interior import fit_interior, nominal_interior
+from core.geometry.transforms import apply_affine, compose_affine, fit_affine, fit_similarity
 from core.georeference.approximation import (
     Ground,
     approximate_from_eo,
@@ -27,6 +31,7 @@ from core.georeference.approximation import (
     approximate_from_points,
     approximate_from_world_file,
     flight_directions,
+    world_in_block,
 )
 from core.georeference.archive import (
     Georeference,
@@ -35,7 +40,10 @@ from core.georeference.archive import (
     open_archive,
 )
 from core.raster.dem import open_dem
-from core.scans.interior_orientation import orient_scan
+from core.raster.files import open_plain
+from core.raster.scan_file import open_scan
+from core.scans.film_area import area_from_interior
+from core.scans.interior_orientation import ScanOrientation, orient_scan
 from tests.core.raster_files import write_footprints
 from tests.core.scans.film_maker import Film, make_film, write_gray
 
@@ -100,6 +108,34 @@ def test_mirrored_world_file_is_refused__truth() -> None:
     world = WorldFile(Path("s.tfw"), np.array([[0.5, 0, -580000.0], [0, 0.5, -1190000.0]]))
     with pytest.raises(ScanError, match="mirrored"):
         approximate_from_world_file(world, INTERIOR, CAMERA, CZECH)
+
+
+def test_a_mirrored_scan_has_a_mirrored_world_file__truth() -> None:
+    """Film scanned from its back: columns run the other way, in the scan and on the ground."""
+    true = ExteriorOrientation(np.array([-580000.0, -1190000.0, 3600.0]), 0.0, 0.0, 0.7)
+    straight = world_of(true)
+    over = np.array([[-1.0, 0.0, 16000.0], [0.0, 1.0, 0.0]])
+    film = INTERIOR.film_from_pixel(apply_affine(over, PIXELS))
+    back = fit_interior(("1", "2", "3", "4"), PIXELS, film, "similarity", mirrored=True)
+    turned = replace(straight, object_from_pixel=compose_affine(straight.object_from_pixel, over))
+    found = approximate_from_world_file(turned, back, CAMERA, CZECH)
+    np.testing.assert_allclose(found.exterior.centre, true.centre, atol=0.01)
+    assert angle_apart(found.exterior.kappa, true.kappa) < 1e-6
+    with pytest.raises(ScanError, match="from its back"):
+        approximate_from_world_file(straight, back, CAMERA, CZECH)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:32633", "EPSG:3857", "EPSG:4326", "EPSG:5514"])
+def test_the_crs_of_a_georeferenced_scan_is_obeyed__truth(crs: str) -> None:
+    czech = world_of(ExteriorOrientation(np.array([-580000.0, -1190000, 3600]), 0.0, 0.0, 0.7))
+    corners = np.array([[0.0, 0.0], [16000, 0], [16000, 16200], [0, 16200]])
+    plane = apply_affine(czech.object_from_pixel, corners)
+    there = operation_between("EPSG:5514", crs, plane, "scan.tif").forward(plane)
+    world = WorldFile(Path("scan.tif"), fit_affine(corners, there).matrix, CRS(crs).to_wkt())
+    moved = world_in_block(world, (16000, 16200), "EPSG:5514")
+    away = apply_affine(moved.object_from_pixel, corners) - plane
+    assert np.abs(away).max() < 2.0
+    assert not moved.mirrored
 
 
 def test_exchanged_lines_are_doubted__truth() -> None:
@@ -237,6 +273,36 @@ def small_block(tmp_path: Path) -> Path:
         crs="EPSG:32633",
     )
     return tmp_path
+
+
+@pytest.mark.parametrize("inside", ["transform", "points"])
+def test_a_scan_georeferenced_inside_in_another_crs__truth(tmp_path: Path, inside: str) -> None:
+    """The same scan with a georeference in the block's CRS lies in the same place."""
+    camera, path = Camera("little", 60.0, (60.0, 60.0)), tmp_path / "p1.tif"
+    write_gray(path, np.zeros((1500, 1500), np.uint8))
+    scan, interior = open_scan(path), nominal_interior((1500, 1500), camera, 0.04)
+    oriented = ScanOrientation("p1", scan, interior, (), area_from_interior(interior, camera), ())
+    pixels = np.array([[0.0, 0.0], [1500, 0], [1500, 1500], [0, 1500]])
+    plane = np.array([641000.0, 5412300.0]) + pixels * (0.8, -0.8)
+    web = operation_between("EPSG:32633", "EPSG:3857", plane, path).forward(plane)
+    with open_plain(path, {"mode": "r+"}) as dataset:
+        if inside == "transform":
+            dataset.transform = Affine(*fit_affine(pixels, web).matrix.ravel().tolist())
+            dataset.crs = "EPSG:3857"
+        else:
+            pairs = zip(pixels, web, strict=True)
+            points = [GroundControlPoint(p[1], p[0], w[0], w[1]) for p, w in pairs]
+            dataset.gcps = (points, "EPSG:3857")
+    write_gray(
+        tmp_path / "dem.tif", np.full((60, 60), 300.0, np.float32),
+        transform=Affine(50, 0, 640000, 0, -50, 5413000), crs="EPSG:32633",
+    )  # fmt: skip
+    dem = open_dem([tmp_path / "dem.tif"], "EPSG:32633")
+    archive = open_archive(Georeference("world-file"), "EPSG:32633", ["p1"], dem.bounds)
+    found = georeference_photo(oriented, camera, archive, dem)
+    assert not isinstance(found, Failure)
+    np.testing.assert_allclose(found.exterior.centre, (641600, 5411700, 300 + 1200), atol=1.0)
+    assert abs(found.exterior.kappa) < 1e-3
 
 
 @pytest.mark.slow
