@@ -48,7 +48,7 @@ def make_orthos(
         camera = block.camera_of(photo.photo_id)
         stage = f"ortho/{photo.photo_id}"
         ground = project.reference.dem or (dem.mean_height(),)
-        inputs = digest_of(stage, 2, photo, camera, gsd, (*ground, *corrections), photo.scan)
+        inputs = digest_of(stage, 3, photo, camera, gsd, (*ground, *corrections), photo.scan)
         target = session.results / FOLDER / f"{photo.photo_id}.tif"
         # The file itself counts as well: one that was cut, replaced or removed is made again.
         kept = None if anew else session.products.load_value(stage, digest_of(inputs, target))

@@ -148,7 +148,7 @@ STAGES: tuple[Stage, ...] = (
         (),
         lambda given: (given.scans, given.cameras, [scan.path for scan in given.scans]),
         _scans,
-        version=8,
+        version=9,
     ),
     Stage(
         "georeference",
@@ -156,7 +156,7 @@ STAGES: tuple[Stage, ...] = (
         ("scans",),
         lambda given: (given.georeference, given.reference),
         _georeference,
-        version=2,
+        version=3,
     ),
     Stage(
         "reference",

@@ -4,29 +4,23 @@ Errors of reading name the cause and the remedy.
 """
 
 import zlib
-from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float32, UInt8
-from rasterio.enums import ColorInterp, Resampling
-from rasterio.errors import RasterioError
+from jaxtyping import UInt8
 
 from core.arrays import Flags, Indices, Mask, PixelPoints, locked
 from core.errors import ScanError
 from core.frames import HALF_PIXEL
 from core.geometry.camera import Camera
-from core.raster.files import FILES, LUMINANCE, gray_from_colour
-from core.raster.grid import Pixels, Tile, window_of
+from core.raster.grid import Pixels
+from core.raster.scan_pixels import STRIP_ROWS, GrayWindow, gray_means, open_dataset
 from core.said import say
 
-GrayWindow = Float32[np.ndarray, "rows columns"]
-"""Part of a scan as gray values."""
 READABLE = ("uint8", "uint16")
 # design: film of 24 cm at half a micrometre; a damaged file may claim any size.
 MOST_SIDE_PX = 500_000
@@ -41,9 +35,6 @@ MIN_FIT, MAX_FIT = 0.9, 1.6
 # design: a frame of 6 cm on a page of A4.
 PAGE_FIT = 5.0
 """The same of a whole page on a flat bed, on which the photo's border has to be seen."""
-# design: some tens of megabytes, and rows of strips or tiles are decoded once.
-STRIP_ROWS = 1024
-"""Rows that one thread reads at a time into memory."""
 # design: a scratch is a pixel or two wide, and a cubic kernel reaches two beside it.
 SCRATCH_PX = 3.0
 """What is no farther than this from a scratch is not used, pixels."""
@@ -156,7 +147,7 @@ def open_scan(path: Path) -> ScanFile:
             is not a scan's.
     """
     _check_file(path)
-    with _open_dataset(path) as dataset:
+    with open_dataset(path) as dataset:
         scan = ScanFile(path, (dataset.width, dataset.height), dataset.count, dataset.dtypes[0])
         if scan.dtype not in READABLE:
             raise ScanError(
@@ -256,7 +247,7 @@ def read_window(
         return np.full(shape, np.nan, dtype=np.float32)
     first = (column + first_j * reduction, row + first_i * reduction)
     size = ((last_j - first_j) * reduction, (last_i - first_i) * reduction)
-    inside = _read_gray(scan, (*first, *size), (last_i - first_i, last_j - first_j))
+    inside = gray_means(scan.path, (*first, *size), reduction)
     if inside.shape == shape:
         return inside
     margins = ((first_i, shape[0] - last_i), (first_j, shape[1] - last_j))
@@ -270,61 +261,11 @@ def read_overview(scan: ScanFile, reduction: int) -> GrayWindow:
     return read_window(scan, 0, 0, scan.size_px[0], scan.size_px[1], reduction)
 
 
-def _read_gray(scan: ScanFile, window: Tile, shape: tuple[int, int]) -> GrayWindow:
-    """A window that lies inside the scan.
-
-    Never GDAL's `boundless` reading: with a rotated world file beside the scan it reads elsewhere.
-    One or two bands are gray, more begin with red, green, blue.
-    """
-    bands = [1, 2, 3] if scan.bands >= 3 else [1]
-    with _open_dataset(scan.path) as dataset:
-        try:
-            values: Any = dataset.read(
-                bands,
-                window=window_of(window),
-                out_shape=(len(bands), *shape),
-                out_dtype="float32",
-                resampling=Resampling.average,
-            )
-        except (RasterioError, OSError) as error:
-            raise ScanError(
-                scan.path,
-                "Part of its pixels cannot be read: the file is damaged, or was cut off.",
-                "Copy the scan again from the archive.",
-            ) from error
-        if dataset.colorinterp[0] == ColorInterp.palette:
-            values = _through_palette(values, dataset.colormap(1))
-    return values[0] if len(bands) == 1 else gray_from_colour(values)
-
-
-def _through_palette(values: Any, palette: dict[int, tuple[int, int, int, int]]) -> Any:
-    """Gray of palette entries."""
-    table = np.zeros(max(palette) + 1, dtype=np.float32)
-    for index, colour in palette.items():
-        table[index] = np.dot(LUMINANCE, colour[:3])
-    return table[np.rint(values).astype(np.int64)]
-
-
 def _cells_inside(start: int, cells: int, reduction: int, size: int) -> tuple[int, int]:
     """First and past-the-last cell that lie wholly inside 0 to size."""
     first = max(0, -(start // reduction))
     last = min(cells, (size - start) // reduction)
     return min(first, cells), max(last, 0)
-
-
-@contextmanager
-def _open_dataset(path: Path) -> Generator[Any]:
-    """The open dataset; what GDAL cannot open is a ScanError."""
-    with ExitStack() as stack:
-        try:
-            dataset = stack.enter_context(FILES.borrow(path))
-        except (RasterioError, OSError) as error:
-            raise ScanError(
-                path,
-                "It is not an image that can be read, or its file was cut off.",
-                "Copy the scan again from the archive, or take it out of [scans] files.",
-            ) from error
-        yield dataset
 
 
 def _check_file(path: Path) -> None:

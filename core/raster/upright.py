@@ -13,6 +13,7 @@ from core.arrays import Affine2
 from core.progress import Progress
 from core.raster.files import FILES, open_plain
 from core.raster.grid import window_of
+from core.raster.scan_pixels import white_is_nought
 
 # source: any CRS in metres will do; the film's millimetres are no place on Earth.
 PLANE = CRS.from_wkt('LOCAL_CS["film",UNIT["metre",1]]')
@@ -45,6 +46,8 @@ def write_upright(
             "dtype": source.dtypes[0], "tiled": True, "blockxsize": TILE_PX,
             "blockysize": TILE_PX, "compress": "deflate", "bigtiff": "if_safer",
         }  # fmt: skip
+        if white_is_nought(source):
+            profile["photometric"] = "MINISWHITE"
         with (
             WarpedVRT(
                 source, src_crs=PLANE, crs=PLANE, src_transform=own, transform=upright,

@@ -1,20 +1,21 @@
 """Scans by windows against NumPy, their usable area, and what is said of unusable files."""
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import rasterio
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rasterio.enums import Resampling
 from rasterio.transform import Affine
 
 from core.errors import ScanError
 from core.geometry.camera import Camera
 from core.matching.local_search import predict_pixels
 from core.matching.patches import Window, object_on_ground, read_scan
+from core.progress import SILENT
+from core.raster.files import open_plain
 from core.raster.scan_file import (
     ScanFiles,
     ScanSource,
@@ -24,6 +25,7 @@ from core.raster.scan_file import (
     read_overview,
     read_window,
 )
+from core.raster.upright import write_upright
 from tests.core.scans.film_maker import write_gray
 
 VALUES = np.random.default_rng(0).integers(0, 255, (230, 310)).astype(np.uint8)
@@ -71,17 +73,57 @@ def test_rotated_georeference_changes_no_window__truth(tmp_path: Path) -> None:
     np.testing.assert_array_equal(window[0, 5:], VALUES[0, :35])
 
 
-def test_overviews_are_used_when_there__truth(tmp_path: Path) -> None:
+@pytest.mark.parametrize("reduction", [2, 3, 4, 5, 8])
+@pytest.mark.parametrize("kind", ["nearest", "gauss", "levels"])
+def test_a_reduced_scan_lies_where_the_scan_does__truth(
+    tmp_path: Path, kind: str, reduction: int
+) -> None:
+    """Values grow by the same amount with each column and row, and so do their averages."""
+    ramp = (40 * np.arange(1030) + 20 * np.arange(1030)[:, None]).astype(np.uint16)
+    path = tmp_path / ("scan.jp2" if kind == "levels" else "scan.tif")
+    lossless = {"driver": "JP2OpenJPEG", "quality": 100, "reversible": True}
+    write_gray(path, ramp, **(lossless if kind == "levels" else {"tiled": True}))
+    if kind != "levels":
+        with open_plain(path, {"mode": "r+"}) as dataset:
+            dataset.build_overviews([2, 4, 8], Resampling[kind])
+    scan = open_scan(path)
+    for window in ((0, 0, 1000, 1000), (333, 71, 200, 300)):
+        found = read_window(scan, *window, reduction)
+        columns, rows = (
+            start + (np.arange(size // reduction) + 0.5) * reduction - 0.5
+            for start, size in zip(window[:2], window[2:], strict=True)
+        )
+        # Half a gray value of rounding, of 40 a pixel.
+        assert np.abs(found - (40 * columns + 20 * rows[:, None])).max() <= 1
+
+
+def test_pixels_of_the_value_of_nodata_count_in_averages__truth(tmp_path: Path) -> None:
     path = tmp_path / "scan.tif"
-    write_gray(path, VALUES[:224, :304], tiled=True, blockxsize=64, blockysize=64)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        dataset = rasterio.open(path, "r+")
-    with dataset:
-        dataset.build_overviews([2, 4], rasterio.enums.Resampling.average)
-    coarse = read_overview(open_scan(path), 4)
-    expected = VALUES[:224, :304].reshape(56, 4, 76, 4).mean(axis=(1, 3))
-    assert np.abs(coarse - expected).max() < 2
+    write_gray(path, np.tile(np.uint8([0, 200]), (64, 32)), nodata=0)
+    np.testing.assert_array_equal(read_overview(open_scan(path), 4), np.full((16, 16), 100.0))
+
+
+@pytest.mark.parametrize(("depth", "most"), [("uint8", 255), ("uint16", 65535)])
+def test_a_scan_whose_nought_is_white_is_turned_round__truth(
+    tmp_path: Path, depth: str, most: int
+) -> None:
+    path = tmp_path / "scan.tif"
+    write_gray(path, VALUES.astype(depth), photometric="MINISWHITE")
+    expected = most - VALUES.astype(float)
+    np.testing.assert_array_equal(read_overview(open_scan(path), 1), expected)
+    laid = tmp_path / "upright.tif"
+    frame = ((310, 230), 1.0, (0.0, 0.0))
+    write_upright(path, laid, np.array([[1.0, 0, 0], [0, -1, 0]]), frame, SILENT)
+    np.testing.assert_array_equal(read_overview(open_scan(laid), 1), expected)
+
+
+def test_colours_of_a_palette_are_averaged__truth(tmp_path: Path) -> None:
+    path = tmp_path / "scan.tif"
+    write_gray(path, np.tile(np.uint8([0, 7]), (8, 4)))
+    with open_plain(path, {"mode": "r+"}) as dataset:
+        dataset.write_colormap(1, {0: (200, 100, 50), 7: (0, 0, 0)})
+    gray = read_overview(open_scan(path), 2)
+    np.testing.assert_allclose(gray, (0.299 * 200 + 0.587 * 100 + 0.114 * 50) / 2, atol=1e-3)
 
 
 @pytest.mark.parametrize(
