@@ -98,8 +98,7 @@ class Run:
         self, project: Project, session: Session, voice: Voice, options: RunOptions
     ) -> None:
         self.project, self.session, self.voice, self.options = project, session, voice, options
-        given = described(project, brought_points(session))
-        self.given: BlockInput = with_clicks(given, session.decisions())
+        self.given = given_of(project, session)
         self.digest_of = session.products.digest_of
         self.results = StageResults()
         self.passes = 1
@@ -204,16 +203,9 @@ class Run:
 
     def compute(self, stage: Stage, progress: Progress) -> str:
         """A stage of the engine."""
-        repeats = stage.repeated and self.passes > 1
-        product = f"{stage.name}/{self.passes}" if repeats else stage.name
-        # What is walked again begins where control put the photos in the last pass.
-        needs = (*stage.needs, "control") if repeats else stage.needs
-        needed = [self.digests[name] for name in needs]
-        if stage.masked and (drawn := standing_masks(self.session.decisions())):
-            needed.append(self.digest_of(drawn))
-        digest = self.digest_of(stage.name, stage.version, stage.inputs(self.given), needed)
-        self.digests[stage.name] = digest
         products = self.session.products
+        product, digest = product_of(stage, self.passes, self.given, self.session, self.digests)
+        self.digests[stage.name] = digest
         value = None if self.anew(stage.name) else products.load_value(product, digest)
         fresh = value is not None
         if value is None:
@@ -394,6 +386,26 @@ class Run:
             language=self.language,
             provenance={f"digest of {name}": text[:16] for name, text in self.digests.items()},
         )
+
+
+def given_of(project: Project, session: Session) -> BlockInput:
+    """What the engine is given of a block: its files, and what was brought and clicked since."""
+    given = described(project, brought_points(session))
+    return with_clicks(given, session.decisions())
+
+
+def product_of(
+    stage: Stage, passes: int, given: BlockInput, session: Session, digests: Mapping[str, str]
+) -> tuple[str, str]:
+    """Name and digest of what a stage makes in a pass; `digests` are those of what it needs."""
+    digest_of, repeats = session.products.digest_of, stage.repeated and passes > 1
+    # What is walked again begins where control put the photos in the last pass.
+    needs = (*stage.needs, "control") if repeats else stage.needs
+    needed = [digests[name] for name in needs]
+    if stage.masked and (drawn := standing_masks(session.decisions())):
+        needed.append(digest_of(drawn))
+    digest = digest_of(stage.name, stage.version, stage.inputs(given), needed)
+    return f"{stage.name}/{passes}" if repeats else stage.name, digest
 
 
 def adjustment_digest(session: Session, control: str, options: AdjustmentOptions) -> str:

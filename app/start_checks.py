@@ -11,7 +11,7 @@ import shapely
 from app.folder_scan import Corners, Findings, FoundRaster
 from app.height_checks import height_doubts
 from app.project import Project, described
-from app.run import LAST_STAGES, WHEN_ASKED, adjustment_digest
+from app.run import LAST_STAGES, WHEN_ASKED, adjustment_digest, given_of, product_of
 from core.errors import PhotogrammetryError, ScanError
 from core.geometry.crs import operation_between, short_name
 from core.geometry.map_in_space import check_scale
@@ -221,16 +221,12 @@ def _names(paths: Sequence[Path]) -> set[str]:
 
 def stages_ahead(project: Project, session: Session) -> Iterator[str]:
     """Stages that a run would make again, because what they depend on is another than it was."""
-    given, products = described(project), session.products
+    given, products = given_of(project, session), session.products
     digests: dict[str, str] = {}
 
     def is_fresh(stage: Stage, passes: int) -> bool:
-        repeats = passes > 1
-        needs = (*stage.needs, "control") if repeats else stage.needs
-        needed = [digests[name] for name in needs]
-        digest = products.digest_of(stage.name, stage.version, stage.inputs(given), needed)
+        product, digest = product_of(stage, passes, given, session, digests)
         digests[stage.name] = digest
-        product = f"{stage.name}/{passes}" if repeats else stage.name
         if products.fresh(product, digest) is None:
             return False
         changes = said_of_scans(session.decisions()) if stage.name == "scans" else ()

@@ -19,7 +19,7 @@ from app.verbs.review import Visit
 from core.doubts import Failure
 from core.errors import PhotogrammetryError, StorageError
 from sessions.checks import judged_parts, version_on_disk
-from sessions.decisions import ReadCheck, Remark, SignBlock
+from sessions.decisions import DrawMask, PlacePhoto, ReadCheck, Remark, SignBlock
 from sessions.session import FILE as SESSION_FILE
 from sessions.session import Session
 from tests.core.scans.test_margin import scan_with_print
@@ -342,6 +342,15 @@ def test_what_a_setting_makes_again_is_told__truth(tiny_run: Any, tmp_path: Path
     with Session.open(tiny_run.folder, "ada") as session:
         session.record(ReadCheck("1-01", None, None, "m", "blurred"))
     assert starting.found()["ahead"] == [], "a reading moves no photo"
+    name, corners = tiny_run.names[0], ((0.0, 0.0), (40.0, 0.0), (0.0, 40.0))
+    pairs = tuple((*corner, *corner) for corner in corners)
+    for said, first in (
+        (DrawMask(name, corners, 0.0, hides=True), "localisation"),
+        (PlacePhoto(name, pairs), "georeference"),
+    ):
+        with Session.open(tiny_run.folder, "ada") as session:
+            session.record(said)
+        assert starting.found()["ahead"][0] == first
     (tiny_run.folder / SESSION_FILE).write_bytes(kept)
     file = tiny_run.folder / "block.toml"
     before = file.read_text(encoding="utf-8")
