@@ -208,7 +208,9 @@ class Run:
         self.digests[stage.name] = digest
         value = None if self.anew(stage.name) else products.load_value(product, digest)
         fresh = value is not None
-        if value is None:
+        if fresh:
+            products.renew(product, digest)
+        else:
             work = Work(progress, self.threads.map, self.given.name)
             value = stage.run(self.given, self.results, work)
             products.save_value(product, digest, value)

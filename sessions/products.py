@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shutil
+import time
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -84,11 +85,18 @@ class Products:
         """The value made from these inputs, arrays read-only; None when it must be made."""
         return _value_in(self._value_path(stage, digest), self._here)
 
+    def renew(self, stage: str, digest: str) -> None:
+        """Count a value as made last: a walk has found it fresh."""
+        now = time.time_ns()
+        # What another user made stays as old as it is.
+        with suppress(OSError):
+            os.utime(self._value_path(stage, digest), ns=(now, now))
+
     def latest_value(self, stage: str) -> Any | None:
         """The value of the stage that was made last, from whatever inputs; None if there is none.
 
         For showing what was, until what is has been made. A repeated stage has a product for each
-        pass, in folders below its own.
+        pass, in folders below its own; the last pass counts, which a walk makes or renews last.
         """
         newest = self._newest(stage)
         return None if newest is None else _value_in(newest, self._here)
