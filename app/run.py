@@ -45,7 +45,7 @@ from core.results import BlockInput, StageResults
 from core.said import say
 from core.scans.stage import ScanSet
 from sessions.atomic_write import whole_file
-from sessions.checks import version_on_disk
+from sessions.checks import results_digest, version_on_disk
 from sessions.remarks import standing_faults
 from sessions.scan_decisions import Films, judged_scans, said_of_scans, standing_masks, with_clicks
 from sessions.session import FILE as SESSION_FILE
@@ -62,6 +62,8 @@ LAST_STAGES = {
 }
 PAGE = "report.html"
 QGIS_PROJECT = "block.qgs"
+WRITTEN = "written"
+"""Product that keeps the digest of the results that tables and report on disk tell."""
 LANGUAGE = "report-language"
 """Product that keeps the language of the last report."""
 WALKED, TIMES = "walked", "times"
@@ -433,6 +435,21 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
     with whole_file(session.results / QGIS_PROJECT) as temporary:
         layers = result_layers(f"../{SESSION_FILE}")
         write_qgis_project(temporary, content.name, block.crs, layers, (west, south, east, north))
+    told = results_digest(content.report)
+    if session.products.load_value(WRITTEN, told) is None:
+        session.products.save_value(WRITTEN, told, told)
+
+
+def written_results(session: Session, latest: AdjustmentReport | None) -> str:
+    """Digest of the results that tables and report on disk tell; empty where there are none.
+
+    Args:
+        session: That of the block.
+        latest: The last adjustment, of which they were taken to tell before this was kept.
+    """
+    if latest is None or not (session.results / PAGE).is_file():
+        return ""
+    return session.products.latest_digest(WRITTEN) or results_digest(latest)
 
 
 def terrain_of(dem: Dem) -> Terrain:

@@ -1,7 +1,9 @@
 """Plans of checks, their readings, and who has vouched for the block, as they stand now."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import cast
 
 import numpy as np
@@ -248,6 +250,28 @@ def standing_signatures(
         for item, said in newest.values()
     ]
     return tuple(sorted(found, key=lambda one: -one.recorded.decision_id))
+
+
+@lru_cache(maxsize=1)
+def results_digest(report: AdjustmentReport) -> str:
+    """Digest of what tables and report tell of an adjustment, check points among it.
+
+    It depends on what the adjustment was made of: nothing that came of it changes alone.
+    """
+    block = report.block
+    measured = [
+        (
+            *(*key, item.column, item.row, item.sigma_px, item.status, item.reason, item.seen),
+            [(one.operator, one.column, one.row) for one in item.readings],
+        )
+        for key, item in sorted(block.measurements.items())
+    ]
+    points = [
+        (*point.position, *point.sigma_m, name, point.role, point.description, point.sketch)
+        for name, point in sorted(block.surveyed.items())
+    ]
+    # One text: the codec is made for what is read again, and ten times as slow.
+    return digest_of("results", json.dumps([report.sigma_nought, measured, points]))
 
 
 def _orientation_of(report: AdjustmentReport) -> list[object]:

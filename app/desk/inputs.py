@@ -19,7 +19,7 @@ from app.mosaic import make_change, make_mosaic
 from app.orthos import make_orthos
 from app.placing import Placeable, standing_block
 from app.project import Project, described
-from app.run import PAGE, Run, RunOptions, terrain_of, write_all
+from app.run import PAGE, Run, RunOptions, terrain_of, write_all, written_results
 from app.running import Running
 from app.sheets import check_sheets, make_sheets
 from app.terminal import JsonLines
@@ -110,8 +110,8 @@ class DeskInputs:
     """(path, column, row, columns, rows, reduction) -> grey values."""
     made: Made | None = None
     """What the orthos on disk were made with; the orientations of `report` by default."""
-    written_of: AdjustmentReport | None = None
-    """The adjustment that tables and report on disk tell of; None where there are none."""
+    written_of: str = ""
+    """Digest of the results that tables and report on disk tell; empty where there are none."""
     operator: str = "operator"
     """Who decides."""
     host: str = "127.0.0.1"
@@ -183,15 +183,15 @@ class DeskInputs:
 
     def on_disk(self, state: DeskState) -> DeskState:
         """The same with all that the last run made, and with what it was made of."""
-        made, latest = last_results(self.session, self.block)
-        return replace(self.files(state), made=made, written_of=latest)
+        made, written = last_results(self.session, self.block)
+        return replace(self.files(state), made=made, written_of=written)
 
 
 def first_state(desk: DeskInputs) -> DeskState:
     """The block and its adjustment as the desk opens."""
     made = made_with(desk.report.block) if desk.made is None else desk.made
-    latest, free = desk.written_of, desk.free
-    return desk.files(DeskState(desk.block, desk.report, made, written_of=latest, free=free))
+    written, free = desk.written_of, desk.free
+    return desk.files(DeskState(desk.block, desk.report, made, written_of=written, free=free))
 
 
 def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
@@ -238,7 +238,7 @@ def desk_inputs(
     compared = Comparing(reference, given.control.orientation, opened)
     adjusting = adjusting_of(given, reference)
     standing = Standing(block, initial, adjusting)
-    report, (made, latest) = standing(session), last_results(session, block)
+    report, (made, written) = standing(session), last_results(session, block)
     return DeskInputs(
         name=project.block.name,
         block=block,
@@ -262,7 +262,7 @@ def desk_inputs(
         mosaic=MosaicFile(session, block.crs),
         remake=OrthoMaker(project, reference, operator),
         made=made,
-        written_of=latest,
+        written_of=written,
         operator=operator,
         host=host,
         port=port,
@@ -444,15 +444,16 @@ class OrthoMaker:
             walk.threads.close()
 
 
-def last_results(session: Session, block: Block) -> tuple[Made, AdjustmentReport | None]:
-    """What the orthos on disk were made with, and the adjustment that tables and report tell of.
+def last_results(session: Session, block: Block) -> tuple[Made, str]:
+    """What the orthos on disk were made with, and the digest of what tables and report tell.
 
     Args:
         session: With what the last run made.
         block: As the engine left it, for a block that was not adjusted yet.
     """
     latest = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
-    return ortho_orientations(session, block if latest is None else latest.block), latest
+    made = ortho_orientations(session, block if latest is None else latest.block)
+    return made, written_results(session, latest)
 
 
 def ortho_orientations(session: Session, adjusted: Block) -> Made:

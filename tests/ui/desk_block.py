@@ -22,6 +22,7 @@ from core.block import (
 from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
+from sessions.checks import results_digest
 from sessions.session import Session
 from tests.ui.desk_landscape import EXTENT_M, NORTH, WEST, ArrayDem, Landscape, landscape
 from ui.review.compare import drawn_from_block, made_with
@@ -232,7 +233,7 @@ def desk_inputs(folder: Path, scan_px: int = 1200, remake=None, **changes) -> De
         adjust=adjust,
         remake=remake or (lambda photo_ids, progress, report: None),
         operator="anna",
-        written_of=report,
+        written_of=results_digest(report),
         **changes,
     )
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from app.desk.inputs import Adjusting, DeskInputs
 from core.block import Block, Measurement, SurveyedPoint
+from sessions.checks import results_digest
 from tests.ui.desk_block import CAMERA, OPTIONS, adjust, desk_inputs, tiny_block, true_photos
 from tests.ui.desk_landscape import EXTENT_M, NORTH, WEST
 from ui.review.compare import drawn_from_block, made_with
@@ -105,5 +106,9 @@ def measuring_inputs(folder: Path, **changes) -> DeskInputs:
     report = adjusted()
     evidence = Adjusting(OPTIONS).evidence
     return replace(
-        inputs, block=listed_block(), report=report, written_of=report, evidence=evidence
+        inputs,
+        block=listed_block(),
+        report=report,
+        written_of=results_digest(report),
+        evidence=evidence,
     )

@@ -18,6 +18,7 @@ from core.control.likeness import Likeness
 from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.raster.dem import HeightSource
+from sessions.checks import results_digest
 from ui.review.state import DeskState, Key, Made
 
 REDRAW_PX = 0.3
@@ -167,7 +168,7 @@ def with_made(state: DeskState, photo_ids: tuple[str, ...], report: AdjustmentRe
     """The state once results, and the orthos of some photos, were made with an adjustment."""
     fresh = made_with(replace(state, report=report).oriented)
     made = {**state.made, **{name: fresh[name] for name in photo_ids}}
-    return replace(state, made=made, written_of=report)
+    return replace(state, made=made, written_of=results_digest(report))
 
 
 def made_with(oriented: Block) -> Made:

@@ -18,6 +18,7 @@ from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
 from core.raster.holes import Hole
 from core.scans.interior_orientation import ScanOrientation
+from sessions.checks import results_digest
 from sessions.decisions import Accept, AddPoint, ChoosePeak, Place, PlaceFiducial
 from ui.review.looks import ShownState
 
@@ -341,15 +342,6 @@ class ShownMosaic:
     """Where another photo shows the ground than in the file: west, south, east, north, metres."""
 
 
-def same_results(one: AdjustmentReport, other: AdjustmentReport) -> bool:
-    """True when two adjustments come to the same tables."""
-    states = [
-        {key: item.status for key, item in report.block.measurements.items()}
-        for report in (one, other)
-    ]
-    return one.sigma_nought == other.sigma_nought and states[0] == states[1]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class DeskState:
     """The block, its adjustment, and what is going on."""
@@ -370,8 +362,8 @@ class DeskState:
     """Set while orthos are being made."""
     filling: Remaking | None = None
     """Set while marks like an example are being searched."""
-    written_of: AdjustmentReport | None = None
-    """The adjustment that tables and report on disk tell of; None where there are none."""
+    written_of: str = ""
+    """Digest of the results that tables and report on disk tell; empty where there are none."""
     written_ms: int = 0
     """When that report was written, milliseconds since 1970; 0 where there is none."""
     free: tuple[bool, bool] = (True, True)
@@ -392,14 +384,13 @@ class DeskState:
 
     @property
     def written(self) -> bool:
-        """False while tables and report on disk tell of another adjustment than the newest.
+        """False while tables and report on disk tell other results than the newest.
 
         Or while seams were edited that the mosaic does not follow yet.
         """
-        known = self.written_of
         if self.mosaic is not None and self.mosaic.edition:
             return False
-        return known is not None and not self.adjusting and same_results(known, self.report)
+        return not self.adjusting and self.written_of == results_digest(self.report)
 
     @property
     def oriented(self) -> Block:

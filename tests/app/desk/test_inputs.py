@@ -17,18 +17,21 @@ from app.desk.inputs import (
     Transferring,
     first_snapshot,
     first_state,
+    last_results,
     ortho_orientations,
     template_m,
 )
 from app.desk.inputs import desk_inputs as inputs_of
 from app.desk.measuring import Errors
 from app.project import read_project
+from app.run import PAGE, WRITTEN
 from core.adjustment.adjusted import AdjustmentOptions, ExteriorSigmas
 from core.block import Measurement
 from core.errors import PhotogrammetryError
 from core.localisation.photo_orientation import OrientationOptions
 from core.progress import SILENT
 from core.raster.scan_file import open_scan
+from sessions.checks import results_digest
 from sessions.decisions import PlacePhoto
 from sessions.session import Session
 from tests.core.sheets.test_map_sheets import write
@@ -129,6 +132,20 @@ def test_the_desk_opens_on_the_block_as_it_was_adjusted__law(tmp_path: Path):
     inputs.session.close()
 
 
+def test_results_are_those_of_the_report_whatever_was_adjusted_since__law(tmp_path: Path):
+    report = tiny_snapshot().state.report
+    newer = replace(report, sigma_nought=2 * report.sigma_nought)
+    with Session.open(tmp_path, "anna") as session:
+        session.products.save_value("adjustment", "0" * 64, report)
+        assert last_results(session, report.block)[1] == ""
+        # Written before its digest was kept.
+        (session.results / PAGE).write_text("told")
+        assert last_results(session, report.block)[1] == results_digest(report)
+        session.products.save_value(WRITTEN, results_digest(report), "")
+        session.products.save_value("adjustment", "1" * 64, newer)
+        assert last_results(session, report.block)[1] == results_digest(report)
+
+
 def test_updated_orthos_bring_updated_sheets__truth(tiny_run: Tiny, tmp_path: Path) -> None:
     folder = tmp_path / "block"
     shutil.copytree(tiny_run.folder, folder)
@@ -145,6 +162,8 @@ def test_updated_orthos_bring_updated_sheets__truth(tiny_run: Tiny, tmp_path: Pa
         inputs = inputs_of(read_project(folder), session, "anna", "127.0.0.1", 0)
     report, name = inputs.report, min(inputs.report.block.photos)
     inputs.remake((name,), SILENT, report)
+    with Session.open(folder, "anna") as session:
+        assert session.products.latest_digest(WRITTEN) == results_digest(report)
     assert np.array_equal(*shown(sheet, mosaic))
     before = sheet.read_bytes()
 

@@ -9,7 +9,7 @@ import pytest
 from core.quality.assessment import assess_block
 from core.quality.check_plan import CheckPlace
 from core.quality.rules import judge_block
-from sessions.checks import new_plan
+from sessions.checks import new_plan, results_digest
 from sessions.decisions import (
     Decision,
     PlanChecks,
@@ -132,7 +132,7 @@ def test_a_reading_of_an_earlier_mosaic_is_open_again_and_counts_for_nothing__la
 @pytest.fixture(scope="module")
 def desk() -> DeskSnapshot:
     desk = tiny_snapshot()
-    state = replace(desk.state, written_of=desk.state.report)
+    state = replace(desk.state, written_of=results_digest(desk.state.report))
     return replace(desk, state=state, mosaic_version=VERSION, stale=())
 
 
@@ -156,7 +156,7 @@ def test_a_signature_is_of_all_that_was_judged_and_says_when_that_changed__law(
 def test_nobody_signs_what_does_not_stand__law(desk: DeskSnapshot) -> None:
     busy = replace(desk, state=replace(desk.state, adjusting=True))
     stale = replace(desk, stale=("A",))
-    unwritten = replace(desk, state=replace(desk.state, written_of=None))
+    unwritten = replace(desk, state=replace(desk.state, written_of=""))
     for gesture, at in (
         (BlockSigned("s", "accept", "seen"), unwritten),
         (BlockSigned("s", "accept", "seen"), stale),

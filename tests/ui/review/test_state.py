@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
+from sessions.checks import results_digest
 from tests.ui.desk_block import tiny_snapshot
-from ui.review.state import DeskState, Extra, same_results
+from ui.review.state import DeskState, Extra
 
 
 @pytest.fixture(scope="module")
@@ -51,11 +52,27 @@ def test_rows_are_found_among_points_and_among_other_doubts__law(state):
     assert both.measurement_of(("none", "none")) is None
 
 
-def test_another_status_is_another_result__law():
-    report = tiny_snapshot().state.report
-    assert same_results(report, report)
-    assert not same_results(report, replace(report, sigma_nought=report.sigma_nought + 1e-9))
-    key, item = next(iter(report.block.measurements.items()))
-    other = report.block.with_measurement(replace(item, status="dubious"))
-    assert key in other.measurements
-    assert not same_results(report, replace(report, block=other))
+def test_what_tables_tell_is_written_until_any_of_it_changes__law(state):
+    """A check point judges only: what is said of it leaves every orientation as it was."""
+    report, block = state.report, state.report.block
+    state = replace(state, written_of=results_digest(report))
+    again = replace(report, block=replace(block, measurements={**block.measurements}))
+    assert replace(state, report=again).written
+    assert not replace(state, adjusting=True).written
+    item = next(one for one in block.measurements.values() if one.used)
+    point = block.surveyed[item.point_id]
+    others = [
+        block.with_measurement(replace(item, column=item.column + 0.5)),
+        block.with_measurement(replace(item, seen=not item.seen)),
+        block.with_measurement(replace(item, status="dubious")),
+    ]
+    for changes in (
+        {"position": point.position + 1.0},
+        {"role": "check" if point.role == "control" else "control"},
+        {"description": "a stone"},
+    ):
+        surveyed = {**block.surveyed, point.point_id: replace(point, **changes)}
+        others.append(replace(block, surveyed=surveyed))
+    reports = [replace(report, block=other) for other in others]
+    reports.append(replace(report, sigma_nought=report.sigma_nought + 1e-9))
+    assert not any(replace(state, report=other).written for other in reports)
