@@ -112,8 +112,19 @@ class BlockForm:
             files.get("scans.files", ()),
         )
 
-    def judged(self, values: Mapping[str, Any], recognition: Recognition) -> Judged:
+    def judged(
+        self,
+        values: Mapping[str, Any],
+        recognition: Recognition,
+        written: Collection[str] | None = None,
+    ) -> Judged:
         """The file with the values of the form, judged field by field.
+
+        Args:
+            values: Every field, as it stands on the page.
+            recognition: What the folder proposes: it fills what the file lacks.
+            written: Fields that a hand has changed, by default all. Of the others the file may
+                have a newer value by now, which stays.
 
         Raises:
             ProjectError: A field that is no field of the form.
@@ -122,11 +133,16 @@ class BlockForm:
         if self.file.is_file():
             text = Document(self.file).text
         now: dict[str, Any] = tomllib.loads(text)
+        proposed = tomllib.loads(toml_of(recognition))
         changes: dict[tuple[str, str], Any] = {}
         twice: dict[str, str] = {}
         for name, value in values.items():
             table, _, key = name.rpartition(".")
             self._check(table, key)
+            if written is not None and name not in written:
+                if _value_in(now, table, key) is None and _proposal(proposed, table, key) == value:
+                    changes[table, key] = value
+                continue
             if keys_of(table)[key].kind == "marks" and isinstance(value, list):
                 marks = Counter(mark for mark, _ in value)
                 again, _ = marks.most_common(1)[0]
@@ -247,7 +263,6 @@ def _section(
     name: str, given: Mapping[str, Any], proposed: Mapping[str, Any], needed: Collection[str]
 ) -> dict[str, Any]:
     """A table of the form with what its fields hold."""
-    like = name if not name.startswith("camera.") else f"camera.{CAMERA}"
     fields: list[dict[str, Any]] = []
     for key in keys_of(name).values():
         if key.asked == "file":
@@ -256,7 +271,7 @@ def _section(
         if key.kind == "time" and isinstance(value, dict):
             continue  # days by file are written in the file alone
         known = value is not None
-        value = value if known else _value_in(proposed, like, key.name)
+        value = value if known else _proposal(proposed, name, key.name)
         unit = [] if key.unit is None else [key.unit.low, key.unit.high]
         fields.append(
             {
@@ -267,6 +282,11 @@ def _section(
             }
         )  # fmt: skip
     return {"table": name, "kind": name.partition(".")[0], "fields": fields}
+
+
+def _proposal(proposed: Mapping[str, Any], table: str, key: str) -> Any:
+    """What the folder proposes for a field; to every camera the same."""
+    return _value_in(proposed, f"camera.{CAMERA}" if table.startswith("camera.") else table, key)
 
 
 def _value_in(values: Mapping[str, Any], table: str, key: str) -> Any:

@@ -19,6 +19,7 @@ from app.placing import drawn_raw
 from app.project import Project, read_project
 from app.running import Running
 from app.start_checks import (
+    Check,
     Outline,
     are_sizes,
     checks_of,
@@ -40,7 +41,7 @@ from sessions.session import HIDDEN, RESULTS, Session
 from ui.review.looks import page_palette
 from ui.web.access import Access, lasting_token
 from ui.web.front import Front, FrontInputs, Opened
-from ui.web.start import start_routes
+from ui.web.start import Fields, start_routes
 from ui.web.tiles import ScanTiles
 
 ANSWERED_S = 0.2
@@ -187,23 +188,23 @@ class Starting:
                 **self._judged(form.project, scans, outlines),
             }  # fmt: skip
 
-    def judge(self, values: Mapping[str, Any]) -> dict[str, Any]:
+    def judge(self, values: Mapping[str, Any], written: Fields = None) -> dict[str, Any]:
         """What is wrong and what is doubtful of the form as it stands, and what it makes again.
 
-        Nothing is written.
+        Nothing is written. `written` are the fields that a hand has changed, by default all.
         """
-        judged = self.form.judged(values, self._recognition())
+        judged = self.form.judged(values, self._recognition(), written)
         with self._lock:
-            ahead = self._ahead(judged.project)
-            return {**judged.part(), "ahead": ahead, "checks": form_checks(values)}
+            ahead, shut = self._ahead(judged.project)
+            return {**judged.part(), "ahead": ahead, "checks": [*form_checks(values), *shut]}
 
-    def save(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Write `block.toml` unless something filled in cannot be used.
+    def save(self, values: Mapping[str, Any], written: Fields = None) -> dict[str, Any]:
+        """Write `block.toml` unless something filled in cannot be used; `written` as for `judge`.
 
         Raises:
             PhotogrammetryError: The disk is full, or the file is written in a way of its own.
         """
-        judged = self.form.judged(values, self._recognition())
+        judged = self.form.judged(values, self._recognition(), written)
         if not judged.errors:
             with whole_file(self.form.file) as temporary:
                 temporary.write_text(judged.text, encoding="utf-8")
@@ -413,19 +414,21 @@ class Starting:
         """What is checked before minutes are spent, and what a run would make again."""
         if project is None:
             return {"checks": [], "ahead": [], "made": False, "placeable": False}
-        states = {
-            "made": was_made(self.folder, "control"),
-            "placeable": was_made(self.folder, "scans"),
-        }
+        made, placeable = (was_made(self.folder, stage) for stage in ("control", "scans"))
         checks = checks_of(project, {scan["file"]: scan["why"] for scan in scans}, outlines)
-        return {"checks": checks, "ahead": self._ahead(project), **states}
+        ahead, shut = self._ahead(project)
+        checks += [check for check in shut if check not in checks]
+        return {"checks": checks, "ahead": ahead, "made": made, "placeable": placeable}
 
-    def _ahead(self, project: Project | None) -> list[str]:
-        """What a run would make again of what was made."""
+    def _ahead(self, project: Project | None) -> tuple[list[str], list[Check]]:
+        """What a run would make again of what was made, and what cannot be opened for it."""
         if project is None or not was_made(self.folder, "scans") or self.running.under_way:
-            return []
-        with Session.open(self.folder, "gruber") as session:
-            return list(stages_ahead(project, session))
+            return [], []
+        try:
+            with Session.open(self.folder, "gruber") as session:
+                return list(stages_ahead(project, session)), []
+        except PhotogrammetryError as error:
+            return [], [[True, "error", {"text": error.told}]]
 
 
 def was_made(folder: Path, stage: str) -> bool:

@@ -378,6 +378,48 @@ def test_what_a_setting_makes_again_is_told__truth(tiny_run: Any, tmp_path: Path
         assert session.products.latest_value("walked")
 
 
+def test_a_session_that_cannot_be_opened_leaves_the_form_and_says_why__law(tiny_run: Any) -> None:
+    """The page stayed empty for ever."""
+    session = tiny_run.folder / SESSION_FILE
+    kept = session.read_bytes()
+    try:
+        session.write_bytes(b"no database at all" * 100)
+        starting = Starting(tiny_run.folder)
+        found = starting.found()
+        assert found["form"]["sections"]
+        assert found["ahead"] == []
+        assert [SESSION_FILE in values["text"] for grave, _, values in found["checks"] if grave]
+        assert starting.judge(values_of(starting))["checks"][-1] == found["checks"][-1]
+    finally:
+        session.write_bytes(kept)
+
+
+def test_who_saves_changes_what_he_wrote_and_nothing_that_another_wrote_meanwhile__law(
+    data: Path,
+) -> None:
+    """The whole form went back, as it was when the page was opened."""
+    starting = Starting(data)
+    pixel, name = "scans.scan_pixel_um", "block.name"
+    assert starting.save(values_of(starting) | {DISTANCE: 211.59, pixel: 20.0}, [DISTANCE, pixel])
+    mine = values_of(starting)
+    assert mine["reference.ortho_sigma_m"] is not None
+    starting.save(mine | {DISTANCE: 153.0}, [DISTANCE])
+    starting.save(mine | {pixel: 15.0, name: None}, [pixel])
+    now = values_of(starting)
+    assert (now[DISTANCE], now[pixel], now[name]) == (153.0, 15.0, mine[name])
+    # What the folder proposes is written with the rest, unless it was emptied by hand.
+    file = data / "block.toml"
+    lines = file.read_text(encoding="utf-8").splitlines()
+    sigmas = [line for line in lines if line.startswith(("ortho_sigma_m", "dem_sigma_m"))]
+    assert len(sigmas) == 2
+    file.write_text("\n".join(line for line in lines if line not in sigmas), encoding="utf-8")
+    proposed = values_of(starting)
+    starting.save(proposed | {"reference.dem_sigma_m": None}, ["reference.dem_sigma_m"])
+    text = file.read_text(encoding="utf-8")
+    assert "\northo_sigma_m" in text
+    assert "\ndem_sigma_m" not in text
+
+
 def test_a_scan_that_was_cut_off_is_not_counted_and_a_readme_is_told__truth(data: Path) -> None:
     """It was counted among those found beside a picture that said it cannot be read."""
     (data / "readme.txt").write_text("About these scans.\n", encoding="utf-8")

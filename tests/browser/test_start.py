@@ -186,6 +186,42 @@ def test_axe_finds_nothing_on_the_start_page__oracle(
     assert found == [[]] * 4
 
 
+def test_two_pages_save_what_was_written_in_each__law(chromium, tiny_block, tmp_path):
+    """Each wrote back what the other had changed; an error of the look at the folder left both
+    without a word."""
+    for part in ("scans", "ortho"):
+        shutil.copytree(tiny_block / part, tmp_path / part)
+    context = chromium.new_context(bypass_csp=True)
+    context.set_default_timeout(PATIENCE_MS)
+    distance, pixel = "#field-camera-film-principal_distance_mm", "#field-scans-scan_pixel_um"
+    saved = ".notice:has-text('Settings saved')"
+    with open_start(tmp_path, "127.0.0.1", 0) as opened:
+        one, other = context.new_page(), context.new_page()
+        for page in (one, other):
+            page.goto(opened.url)
+            page.wait_for_selector(distance)
+        one.fill(distance, "152.67")
+        one.click('[data-act="start.save"]')
+        one.wait_for_selector(saved)
+        other.fill(pixel, "21")
+        other.click('[data-act="start.save"]')
+        other.wait_for_selector(saved)
+        other.wait_for_function(f"document.querySelector('{distance}').value === '152.67'")
+        # What was saved is the file's from now on, not what was once written here.
+        one.click('[data-act="start.save"]')
+        one.wait_for_function(f"document.querySelector('{pixel}').value === '21'")
+        other.fill(distance, "211.59")
+        other.click('[data-act="start.save"]')
+        other.wait_for_function("!document.querySelector('[data-act=\"start.discard\"]')")
+        one.click('[data-act="start.save"]')
+        one.wait_for_function(f"document.querySelector('{distance}').value === '211.59'")
+        told = {"status": 409, "json": {"error": "The list is broken."}}
+        one.route("**/found", lambda route: route.fulfill(**told))
+        one.reload()
+        one.wait_for_selector(".notice.grave:has-text('The list is broken.')")
+    context.close()
+
+
 def test_a_folder_of_blocks_lacks_nothing_of_a_block__law(chromium, tiny_block, tmp_path):
     shutil.copytree(tiny_block, tmp_path / "many" / "one")
     context = chromium.new_context(bypass_csp=True)

@@ -1,7 +1,7 @@
 """Addresses of the start page: the folder's content, uploads, the form, and the run."""
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,6 +14,8 @@ from ui.web.running import Runner, error_message, fresh_json, json_of, operators
 CHUNK_BYTES = 1 << 20
 """An upload goes to the disk in pieces of this size."""
 MOST_FIELDS = 300
+Fields = Collection[str] | None
+"""Names of fields; None for all."""
 
 
 class Starter(Runner, Protocol):
@@ -23,11 +25,11 @@ class Starter(Runner, Protocol):
         """What the folder holds and lacks."""
         ...
 
-    def judge(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """What is wrong with the form."""
+    def judge(self, values: Mapping[str, Any], written: Fields) -> dict[str, Any]:
+        """What is wrong with the form, of which a hand has written so many fields."""
         ...
 
-    def save(self, values: Mapping[str, Any]) -> dict[str, Any]:
+    def save(self, values: Mapping[str, Any], written: Fields) -> dict[str, Any]:
         """Write the form into `block.toml`."""
         ...
 
@@ -66,16 +68,6 @@ def start_routes(starter: Starter) -> tuple[web.RouteDef, ...]:
         operators_only(request)
         return await _received(request, starter.receive)
 
-    def with_form(act: Callable[[Mapping[str, Any]], dict[str, Any]]) -> Any:
-        async def answer(request: web.Request) -> web.StreamResponse:
-            operators_only(request)
-            values = (await json_of(request)).get("values")
-            if not isinstance(values, dict) or len(values) > MOST_FIELDS:
-                raise web.HTTPBadRequest(text="The values of the form are expected.")
-            return await _aside(lambda: act(values))
-
-        return answer
-
     async def margin(request: web.Request) -> web.StreamResponse:
         return await _margin(request, starter)
 
@@ -92,8 +84,8 @@ def start_routes(starter: Starter) -> tuple[web.RouteDef, ...]:
     return (
         web.get("/found", found),
         web.put("/files/{name:.+}", receive),
-        web.post("/form/judge", with_form(starter.judge)),
-        web.post("/form", with_form(starter.save)),
+        web.post("/form/judge", _with_form(starter.judge)),
+        web.post("/form", _with_form(starter.save)),
         web.post("/folders", with_path(starter.folders)),
         web.post("/link", with_path(starter.link)),
         web.post("/unlink", with_path(starter.unlink)),
@@ -101,6 +93,22 @@ def start_routes(starter: Starter) -> tuple[web.RouteDef, ...]:
         web.post("/margin", margin),
         *run_routes(starter),
     )
+
+
+def _with_form(act: Callable[[Mapping[str, Any], Fields], dict[str, Any]]) -> Any:
+    """What is done with the form as it stands, and the fields of it that a hand has written."""
+
+    async def answer(request: web.Request) -> web.StreamResponse:
+        operators_only(request)
+        asked = await json_of(request)
+        values, written = asked.get("values"), asked.get("written")
+        if not isinstance(values, dict) or len(values) > MOST_FIELDS:
+            raise web.HTTPBadRequest(text="The values of the form are expected.")
+        if not isinstance(written, list | None):
+            raise web.HTTPBadRequest(text="The names of fields are expected.")
+        return await _aside(lambda: act(values, written))
+
+    return answer
 
 
 async def _margin(request: web.Request, starter: Starter) -> web.StreamResponse:

@@ -3,7 +3,7 @@ import { again, all, byId, element, fillWords, first, number, renew, start, word
   from "./words.js";
 import { beginRun, cancelButton, lookAgain, post, runLines, runNow, settle, tell, watchRun }
   from "./run.js";
-import { dropWritten, fillFields, formShown, formValues, goToField, recallWritten, settleWritten,
+import { dropWritten, fillFields, formShown, formValues, formWritten, goToField, recallWritten,
   showForm } from "./start_form.js";
 import { drawMap, setUpFilm, showScans } from "./start_film.js";
 import { afterPause } from "./view.js";
@@ -27,9 +27,10 @@ const state = {
 
 async function load() {
   const answer = await fetch("/found");
-  if (!answer.ok) return lookAgain();
+  // This one says why; any other comes from a page that is not this one.
+  if (!answer.ok && answer.status !== 409) return lookAgain();
   const found = await answer.json();
-  if (found.error) return tell(found.error, true);
+  if (found.error) return tell(found.error, true, "/found");
   const touched = recallWritten(found.folder);
   if (touched && !state.found) tell(word("start.recalled"));
   Object.assign(state, { found, touched, judged: found.form });
@@ -39,7 +40,7 @@ async function load() {
 
 /** The settings as the file has them. */
 function discard() {
-  dropWritten();
+  dropWritten(formWritten());
   load();
 }
 
@@ -284,7 +285,7 @@ function changed() {
 
 const judgeSoon = afterPause(async () => {
   const values = formValues();
-  const answer = await post("/form/judge", { values });
+  const answer = await post("/form/judge", { values, written: Object.keys(formWritten()) });
   // What was written meanwhile is judged next.
   if (JSON.stringify(values) !== JSON.stringify(formValues())) return;
   state.checking = false;
@@ -341,7 +342,8 @@ function showGo(judged) {
 }
 
 async function save() {
-  const answer = await post("/form", { values: formValues() });
+  const written = formWritten();
+  const answer = await post("/form", { values: formValues(), written: Object.keys(written) });
   if (!answer.ok) {
     tell(answer.error, true, "/form");
     return false;
@@ -353,7 +355,7 @@ async function save() {
     tell(word("start.wrong"), true, "/form");
     return false;
   }
-  settleWritten();
+  dropWritten(written);
   tell(word("start.saved"), false, "/form");
   await load();
   return true;

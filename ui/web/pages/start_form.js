@@ -46,13 +46,22 @@ export function recallWritten(folder) {
   return Boolean(kept);
 }
 
-/** What was written is in the file now. */
-export const settleWritten = () => sessionStorage.removeItem(KEPT + state.folder);
+/** What a hand has written and nobody has saved. */
+export const formWritten = () => ({ ...state.written });
 
-/** What was written is no longer wanted. */
-export function dropWritten() {
-  settleWritten();
-  state.written = {};
+/** What was written is in the file now, or no longer wanted. @param {Record<string, string>} old */
+export function dropWritten(old) {
+  for (const [name, text] of Object.entries(old)) {
+    if (state.written[name] === text) delete state.written[name];
+  }
+  keepWritten();
+}
+
+function keepWritten() {
+  const name = KEPT + state.folder;
+  if (Object.keys(state.written).length) {
+    sessionStorage.setItem(name, JSON.stringify(state.written));
+  } else sessionStorage.removeItem(name);
 }
 
 /** Name of a field in words. @param {string} name such as camera.film.frame_mm */
@@ -95,8 +104,10 @@ function fieldPart(table, field, changed) {
     element("span", { class: "wrong", id: `${id}-wrong` }));
   input.setAttribute("aria-describedby", `${id}-wrong`);
   input.addEventListener("input", () => {
-    state.written[name] = input.value;
-    sessionStorage.setItem(KEPT + state.folder, JSON.stringify(state.written));
+    // What the file has anyway is not written again: it may have something newer by then.
+    if (field.known && input.value === textOf(field.value)) delete state.written[name];
+    else state.written[name] = input.value;
+    keepWritten();
     room.classList.remove("proposed");
     changed();
   });
