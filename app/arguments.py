@@ -46,7 +46,8 @@ def add_run(verb: Parser) -> None:
     """Arguments of `run`."""
     add_block(verb)
     names = stage_names()
-    anew = say("make this stage and all after it anew; one of {names}", names=names)
+    told = ", ".join(names)
+    anew = say("make this stage and all after it anew; one of {names}", names=told)
     verb.add_option("--from STAGE", anew, dest="first", choices=names)
     verb.add_option("--until STAGE", "stop after this stage", dest="last", choices=names)
     add_workers(verb)
@@ -280,7 +281,8 @@ def wrong_use(given: argparse.Namespace) -> str:
         names = stage_names()
         if names.index(last) < names.index(first):
             wrong = "--until {last} comes before --from {first}; the stages are {names}"
-            return say(wrong, last=last, first=first, names=names)
+            # What is typed is told as it is typed, whatever the language.
+            return say(wrong, last=f"`{last}`", first=f"`{first}`", names=", ".join(names))
     return ""
 
 

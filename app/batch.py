@@ -149,7 +149,7 @@ def _task(source: Path, row: dict[str, str]) -> BlockTask:
     until, priority = row.get("until", "").strip(), row.get("priority", "").strip()
     if until and until not in STAGE_NAMES:
         cause, remedy = "names an unknown stage {name}.", "Stages are {names}."
-        raise ProjectError(source, cause, remedy, name=until, names=STAGE_NAMES)
+        raise ProjectError(source, cause, remedy, name=until, names=", ".join(STAGE_NAMES))
     try:
         return BlockTask(block, float(priority or 0), until)
     except ValueError as error:

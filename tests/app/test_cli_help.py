@@ -9,6 +9,7 @@ import pytest
 
 from app.arguments import VERBS
 from app.cli import main, parser
+from app.run import STAGE_NAMES
 
 
 def help_of(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
@@ -40,6 +41,19 @@ def test_help_waits_for_no_engine_and_no_desk__law() -> None:
 def test_every_verb_shows_an_example__truth(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     told = help_of([verb, "--help"], capsys)
     assert f"examples:\n  gruber {verb}" in told
+
+
+def test_stages_are_named_as_they_are_typed_in_every_language__law(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Two of them were translated, and refused when typed so."""
+    told = help_of(["run", "--help", "--language", "cs"], capsys)
+    assert ", ".join(STAGE_NAMES) in " ".join(told.split())
+    with pytest.raises(SystemExit):
+        main(["run", "--from", "adjustment", "--until", "control", "--language", "cs"])
+    told = " ".join(capsys.readouterr().err.split())
+    assert ", ".join(STAGE_NAMES) in told
+    assert "`control`" in told
 
 
 @pytest.mark.parametrize(
