@@ -190,7 +190,7 @@ def _write_pictures(block: Block, folder: Path, progress: Progress) -> None:
             write_upright(
                 photo.scan,
                 folder / f"{photo.scan.stem}.tif",
-                photo.interior.film_from_pixel_matrix,
+                photo.interior,
                 (frame.size_px, frame.pixel_mm, frame.corner_mm),
                 part,
             )

@@ -9,7 +9,7 @@ from rasterio.crs import CRS
 from rasterio.enums import Resampling
 from rasterio.vrt import WarpedVRT
 
-from core.arrays import Affine2
+from core.geometry.interior import InteriorOrientation
 from core.progress import Progress
 from core.raster.files import FILES, open_plain
 from core.raster.grid import window_of
@@ -24,7 +24,7 @@ TILE_PX = 512
 def write_upright(
     scan: Path,
     target: Path,
-    film_from_pixel: Affine2,
+    interior: InteriorOrientation,
     frame: tuple[tuple[int, int], float, tuple[float, float]],
     progress: Progress,
 ) -> None:
@@ -33,12 +33,11 @@ def write_upright(
     Args:
         scan: The scan.
         target: GeoTIFF to write.
-        film_from_pixel: 2 x 3, millimetres of film from pixels of the scan.
+        interior: Film from pixels of the scan.
         frame: Columns and rows, side of a pixel (mm), and film point of the outer corner (mm).
         progress: Told per row of tiles.
     """
     (columns, rows), pixel_mm, (left, top) = frame
-    own = Affine(*np.asarray(film_from_pixel, dtype=float).ravel().tolist())
     upright = Affine(pixel_mm, 0.0, left, 0.0, -pixel_mm, top)
     with FILES.borrow(scan) as source:
         profile: dict[str, Any] = {
@@ -48,17 +47,25 @@ def write_upright(
         }  # fmt: skip
         if white_is_nought(source):
             profile["photometric"] = "MINISWHITE"
-        with (
-            WarpedVRT(
-                source, src_crs=PLANE, crs=PLANE, src_transform=own, transform=upright,
-                width=columns, height=rows, resampling=Resampling.cubic,
-            ) as laid,
-            open_plain(target, {"mode": "w", **profile}) as written,
-        ):  # fmt: skip
+        with open_plain(target, {"mode": "w", **profile}) as written:
             for row in range(0, rows, TILE_PX):
                 progress.report(row, rows, scan.name)
                 for column in range(0, columns, TILE_PX):
                     width, height = min(TILE_PX, columns - column), min(TILE_PX, rows - row)
                     window = window_of((column, row, width, height))
-                    written.write(laid.read(window=window), window=window)
+                    middle = upright @ (column + width / 2, row + height / 2)
+                    with WarpedVRT(
+                        source, src_crs=PLANE, crs=PLANE, src_transform=_around(interior, middle),
+                        transform=upright, width=columns, height=rows, resampling=Resampling.cubic,
+                    ) as laid:  # fmt: skip
+                        written.write(laid.read(window=window), window=window)
     progress.report(rows, rows, scan.name)
+
+
+def _around(interior: InteriorOrientation, film_mm: tuple[float, float]) -> Affine:
+    """Film from pixels about a film point; a tile is bent by less than a micrometre."""
+    film = np.array([film_mm])
+    pixel = interior.pixel_from_film(film)
+    linear = interior.film_by_pixel(pixel)[0]
+    shift = film[0] - linear @ pixel[0]
+    return Affine(*np.column_stack([linear, shift]).ravel().tolist())
