@@ -150,16 +150,17 @@ def read_camera(document: Document, name: str) -> Camera:
     table = document.table("camera", name)
     width, height = table.measures("frame_mm")
     distances = _distances(table, (width, height))
+    longer, radial = _radial_distortion(table)
     east, north = table.numbers("principal_point_mm")
     if abs(east) > width / 2 or abs(north) > height / 2:
         remedy = "Write millimetres, counted from the fiducial centre (x right, y up)."
         raise table.error("principal_point_mm", "lies outside the picture.", remedy)
     return Camera(
         name,
-        distances[0][0] if distances else table.number("principal_distance_mm"),
+        distances[0][0] if distances else longer * table.number("principal_distance_mm"),
         (width, height),
         (east, north),
-        _radial_distortion(table),
+        radial,
         fiducials_of(table, max(width, height)),
         table.choice("data_strip"),
         _marks(table),
@@ -193,12 +194,15 @@ def _decentring(table: Table, half_mm: float) -> tuple[float, ...]:
     return tuple((values @ additional_set(("tangential",)).basis.reshape(2, -1)).tolist())
 
 
-def _radial_distortion(table: Table) -> tuple[float, float, float]:
-    """k1, k2, k3; those left out are nought, or fitted to the certificate's table."""
+def _radial_distortion(table: Table) -> tuple[float, tuple[float, float, float]]:
+    """k1, k2, k3; those left out are nought, or fitted to the certificate's table.
+
+    Before them what the principal distance is to be multiplied with, so that they are of it.
+    """
     given = table.numbers("radial_distortion")
     k1, k2, k3, *_ = (*given, 0.0, 0.0, 0.0)
     if not table.has("distortion_table_um"):
-        return k1, k2, k3
+        return 1.0, (k1, k2, k3)
     key = "distortion_table_um"
     if given:
         remedy = "Leave one of the two out."
@@ -210,7 +214,7 @@ def _radial_distortion(table: Table) -> tuple[float, float, float]:
     fitted = polynomial_from_table([(radius, shift) for radius, shift in pairs])
     if isinstance(fitted, Failure):
         raise table.error(key, fitted.reason, "Give the certificate's table, four rows or more.")
-    return fitted[0]
+    return fitted[:2]
 
 
 def _marks(table: Table) -> int:

@@ -286,18 +286,19 @@ def _orthogonal(places: Scalars) -> Float64[np.ndarray, "degrees degrees"]:
 
 def polynomial_from_table(
     table: Sequence[tuple[float, float]], terms: int = 3
-) -> tuple[tuple[float, float, float], float] | Failure:
+) -> tuple[float, tuple[float, float, float], float] | Failure:
     """k1, k2, k3 of dr = r (k1 r^2 + k2 r^4 + k3 r^6) that fit a certificate's table.
 
-    Certificates balance their table about a calibrated principal distance, so dr = k0 r is fitted
-    too and left out: the principal distance that the table belongs to takes it up.
+    Certificates balance their table about a calibrated principal distance c, so dr = k0 r is fitted
+    too. It becomes a part of the distance, c (1 + k0), for whose radii the coefficients then are.
 
     Args:
         table: Radius (mm) and radial distortion (um, outwards positive), from the certificate.
         terms: How many of k1 to k3 are fitted; the others are nought.
 
     Returns:
-        The coefficients for r in millimetres, and the RMS of what they leave of the table (um).
+        1 + k0, the coefficients for r in millimetres, and the RMS of what they leave of the table
+        (um).
     """
     radii, shifts = locked([row for row in table if row[0] > 0]).reshape(-1, 2).T
     if len(radii) < terms + 1:
@@ -311,8 +312,10 @@ def polynomial_from_table(
     design = np.column_stack([scaled ** (2 * k + 1) for k in range(terms + 1)])
     solution = np.linalg.lstsq(design, shifts / 1000.0, rcond=None)[0]
     left = design @ solution - shifts / 1000.0
-    k = [float(solution[i] / unit ** (2 * i + 1)) if i <= terms else 0.0 for i in range(1, 4)]
-    return (k[0], k[1], k[2]), float(np.sqrt(np.mean(left**2)) * 1000)
+    longer = 1 + float(solution[0] / unit)
+    powers = (unit * longer) ** (2 * np.arange(terms + 1) + 1)
+    k1, k2, k3, *_ = [*(solution / powers)[1:].tolist(), 0.0, 0.0, 0.0]
+    return longer, (k1, k2, k3), float(np.sqrt(np.mean(left**2)) * 1000)
 
 
 _SETS = {

@@ -160,7 +160,8 @@ def test_a_certificates_table_becomes_a_polynomial__truth():
     table = list(zip(radii.tolist(), shifts.tolist(), strict=True))
     fitted = polynomial_from_table([(0.0, 0.0), *table], terms=2)
     assert not isinstance(fitted, Failure)
-    assert fitted[0] == pytest.approx(k, rel=1e-6, abs=1e-20)
-    assert fitted[1] < 1e-6
+    assert fitted[0] == pytest.approx(1.0)
+    assert fitted[1] == pytest.approx(k, rel=1e-6, abs=1e-20)
+    assert fitted[2] < 1e-6
     assert radial_from_table_um(np.array([15.0]), table)[0] == pytest.approx(shifts[:2].mean())
     assert isinstance(polynomial_from_table(table[:2]), Failure)
