@@ -234,11 +234,11 @@ def rms_columns(values: np.ndarray) -> list[float | None]:
 
 
 def _films(report: AdjustmentReport) -> Mapping[str, Any]:
-    """By photo: mean residual (column, row) of each cell, pixels; null where few make it."""
+    """By photo: mean residual (x right, y up) of each cell, um; null where few make it."""
     found: dict[str, Any] = {}
     for name, (mean, counts) in film_patterns(report).items():
         told = np.where(counts[..., None] >= FEW, mean, np.nan)
-        found[name] = {"mean_px": told.tolist(), "counts": counts.tolist()}
+        found[name] = {"mean_um": told.tolist(), "counts": counts.tolist()}
     return found
 
 

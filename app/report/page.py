@@ -192,11 +192,11 @@ def render(
 
 def _plots(figures: Figures, tell: Teller) -> dict[str, Any]:
     """What is plotted, in the language, and what plots the rest."""
-    longest_px = longest_mean(figures["residuals"]["films"])
+    longest_um = longest_mean(figures["residuals"]["films"])
     return {
         "palette": PALETTE,
-        "longest_px": longest_px,
-        "draw_film": lambda film: draw_film(film, longest_px, tell),
+        "longest_um": longest_um,
+        "draw_film": lambda film: draw_film(film, longest_um, tell),
         "draw_histogram": lambda bars: draw_histogram(bars, tell),
         "draw_trend": lambda trend, unit: draw_trend(trend, unit, tell),
         "rays": draw_bars(figures["ties"]["points_by_rays"], tell),

@@ -114,25 +114,25 @@ def draw_trend(figures: Figures, unit: str, tell: Teller) -> Markup:
 
 
 def longest_mean(films: Mapping[str, Figures]) -> float:
-    """The longest mean residual of all photos, pixels: one scale for all plots."""
+    """The longest mean residual of all photos, micrometres: one scale for all plots."""
     lengths = [
         hypot(*cell)
         for film in films.values()
-        for line in film["mean_px"]
+        for line in film["mean_um"]
         for cell in line
         if None not in cell
     ]
     return max(lengths, default=0.0)
 
 
-def draw_film(film: Figures, longest_px: float, tell: Teller) -> Markup:
+def draw_film(film: Figures, longest_um: float, tell: Teller) -> Markup:
     """Mean residuals of one photo as arrows over its film."""
-    means = np.array(film["mean_px"], dtype=float)
+    means = np.array(film["mean_um"], dtype=float)
     rows, columns, _ = means.shape
     with _plot(FILM, tell) as (axes, drawn):
         axes.quiver(
-            np.arange(columns), np.arange(rows), means[..., 0], means[..., 1],
-            angles="xy", scale_units="xy", scale=max(longest_px, 1e-9) / LONGEST,
+            np.arange(columns), np.arange(rows), means[..., 0], -means[..., 1],
+            angles="xy", scale_units="xy", scale=max(longest_um, 1e-9) / LONGEST,
             color=PALETTE["control"], width=0.014, pivot="mid",
         )  # fmt: skip
         axes.set(xlim=(-0.5, columns - 0.5), ylim=(rows - 0.5, -0.5), xticks=(), yticks=())

@@ -83,13 +83,13 @@ class BlockQuality:
     """Pairs."""
     rays: Mapping[int, int]
     """Tie points by number of rays."""
-    pattern_px: Vectors
-    """Mean residual (column, row) by cell of the film, top row first, pixels; NaN without any."""
+    pattern_um: Vectors
+    """Mean residual (x right, y up) by cell of the film, top row first, um; NaN without any."""
     pattern_counts: FilmCounts
     """Measurements in each cell."""
     pattern_worst: tuple[str, float, float]
     """The camera with the surest pattern of its own, how many standard deviations a mean residual
-    of it stands out, and how large it is, pixels."""
+    of it stands out, and how large it is, micrometres."""
     parts: tuple[tuple[tuple[str, ...], int], ...]
     """Photos that no tie point joins to the largest part, and control points they show."""
     side_m: float
@@ -133,7 +133,7 @@ def assess_block(report: AdjustmentReport, footprints: Footprints | None = None)
         photos=tuple(sorted(photos, key=lambda one: -_badness(one))),
         overlaps=overlaps,
         rays=Counter(counts_of.within) + Counter(counts_of.across),
-        pattern_px=pattern,
+        pattern_um=pattern,
         pattern_counts=counts,
         pattern_worst=worst_pattern(report.block, rays),
         parts=_parts(report, taking_part),

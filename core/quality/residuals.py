@@ -94,7 +94,7 @@ def rms_of(residuals: PixelPoints) -> float:
 
 
 def film_patterns(report: AdjustmentReport) -> dict[str, tuple[Vectors, FilmCounts]]:
-    """Mean residual (column, row; pixels) by cell of each photo's film, and how many make it.
+    """Mean residual (film axes, micrometres) by cell of each photo's film, and how many make it.
 
     Args:
         report: The adjustment.
@@ -206,16 +206,19 @@ def _cell_numbers(
 def mean_pattern(block: Block, rays: Mapping[str, UsedRays]) -> tuple[Vectors, FilmCounts, Vectors]:
     """Residuals of all photos averaged by cell of the film: what is left is systematic.
 
-    Also each mean in its standard deviations, nought where few residuals make it.
+    Along the axes of the film, x right and y up, micrometres: scans may lie on it in any way. Also
+    each mean in its standard deviations, nought where few residuals make it.
     """
     side = PATTERN_CELLS
     sums, counts = np.zeros((side, side, 2)), np.zeros((side, side), dtype=np.int64)
+    parts = [np.zeros((0, 2))]
     for name, used in rays.items():
         across, down = _cell_numbers(block, name, used.pixels, side)
-        np.add.at(sums, (down, across), used.residuals)
+        film = block.photos[name].interior.film_from_pixel
+        parts.append(1000 * (film(used.pixels + used.residuals) - film(used.pixels)))
+        np.add.at(sums, (down, across), parts[-1])
         np.add.at(counts, (down, across), 1)
-    mean = sums / np.maximum(counts, 1)[..., None]
-    every = np.concatenate([np.zeros((0, 2)), *(used.residuals for used in rays.values())])
+    mean, every = sums / np.maximum(counts, 1)[..., None], np.concatenate(parts)
     spread = float(np.sqrt(np.mean(every**2))) if len(every) else 0.0
     # design: residuals of nought have no pattern.
     test = np.abs(mean) * np.sqrt(counts)[..., None] / max(spread, 1e-9)
@@ -225,7 +228,7 @@ def mean_pattern(block: Block, rays: Mapping[str, UsedRays]) -> tuple[Vectors, F
 
 
 def worst_pattern(block: Block, rays: Mapping[str, UsedRays]) -> tuple[str, float, float]:
-    """The camera whose films have the surest pattern, its test, and the largest mean in pixels."""
+    """The camera whose films have the surest pattern, its test, and the largest mean in um."""
     found = ("", 0.0, 0.0)
     for camera in sorted({photo.camera for photo in block.photos.values()}):
         own = {name: used for name, used in rays.items() if block.photos[name].camera == camera}

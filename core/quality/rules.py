@@ -373,7 +373,7 @@ def _tie_findings(found: BlockQuality) -> list[Finding]:
         findings.append(Finding("bare", DOUBTFUL, {"count": str(len(bare)), "worst": bare[0]}))
     camera, test, largest = found.pattern_worst
     kind, grave = ("systematic", DOUBTFUL) if test > SYSTEMATIC else ("no-pattern", SOUND)
-    findings.append(Finding(kind, grave, {"value": f"{largest:.2f}", "worst": camera}))
+    findings.append(Finding(kind, grave, {"value": f"{largest:.1f}", "worst": camera}))
     return findings
 
 

@@ -65,9 +65,9 @@ SENTENCES = {
     "rays": "{share} % of the tie points are seen in three photos or more.",
     "rays-few": "Only {share} % of the tie points are seen in three photos or more.",
     "bare": "Photos with several empty areas, without ties or control: {count} ({worst}).",
-    "systematic": "Residuals of {worst} are systematic on the film: up to {value} px in a part of "
+    "systematic": "Residuals of {worst} are systematic on the film: up to {value} µm in a part of "
     "it. Self-calibration can take this up.",
-    "no-pattern": "No systematic residuals on the film (mean of all photos at most {value} px).",
+    "no-pattern": "No systematic residuals on the film (mean of all photos at most {value} µm).",
     "distance": "Nobody stated the principal distance of {worst}: {value} ± {sigma} mm by this "
     "block.",
     "distance-unknown": "The block cannot tell the principal distance of {worst}: {value} ± "

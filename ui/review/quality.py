@@ -39,7 +39,7 @@ def quality_part(
         "overlaps": _overlaps(found),
         "rays": [[number, count] for number, count in sorted(found.rays.items())],
         "pattern": [
-            [[_number(value, 3) for value in cell] for cell in line] for line in found.pattern_px
+            [[_number(value, 2) for value in cell] for cell in line] for line in found.pattern_um
         ],
         "pattern_counts": found.pattern_counts.tolist(),
         "control_cells": found.control_cells.tolist(),

@@ -197,6 +197,7 @@ interface Quality {
   }[];
   overlaps: [string, string, share: number, ties: number, along: boolean | null][];
   rays: [rays: number, count: number][];
+  /** Mean residuals on the film, top row of it first: x right, y up, micrometres. */
   pattern: (number | null)[][][];
   pattern_counts: number[][];
   control_cells: number[][];

@@ -83,7 +83,7 @@ def test_arrows_of_a_film_have_one_scale_for_all_photos__truth(written):
         for arrow in shapes(draw_film(film, longest, TELL), "control"):
             # Where nothing was measured the arrow has no corners.
             lengths += [np.linalg.norm(a - b) for a in arrow for b in arrow]
-    cells = len(next(iter(films.values()))["mean_px"])
+    cells = len(next(iter(films.values()))["mean_um"])
     inside = 72 * FILM[0] - 6  # points, less the room about the frame
     assert max(lengths) == pytest.approx(LONGEST * inside / cells, rel=0.05)
 
@@ -91,7 +91,7 @@ def test_arrows_of_a_film_have_one_scale_for_all_photos__truth(written):
 def test_no_two_plots_of_a_page_share_an_id__law():
     trend = {"along": [1, 2, 3], "mean_px": [0.1, 0.2, -0.1], "sigma_px": [0.1, 0.1, 0.1]}
     bins = [{"stated": 0.3, "borne_out": 0.2, "proposals": 9}]
-    film = {"mean_px": [[[1.0, 0.0], [0.5, 0.5]]]}
+    film = {"mean_um": [[[1.0, 0.0], [0.5, 0.5]]]}
     plots = [draw_trend(trend, unit, TELL) for unit in ("m", "mm")]
     plots += [draw_histogram(HISTOGRAM, TELL), draw_bars({"2": 1}, TELL)]
     plots += [draw_reliability(bins, TELL), draw_film(film, 1.0, TELL)]

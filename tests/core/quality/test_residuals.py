@@ -8,7 +8,14 @@ import pytest
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.geometry.exterior import ExteriorOrientation
-from core.quality.residuals import MEAN_OF, TREND_PARTS, displacement, residual_trends
+from core.quality.residuals import (
+    MEAN_OF,
+    TREND_PARTS,
+    UsedRays,
+    displacement,
+    mean_pattern,
+    residual_trends,
+)
 from tests.flights import FlightPlan, fly
 
 
@@ -53,6 +60,29 @@ def test_too_few_residuals_are_no_trend__law(report):
     none = np.full_like(report.tie_residuals_px, np.nan)
     none[: TREND_PARTS * MEAN_OF - 1] = 0.0
     assert residual_trends(replace(report, tie_residuals_px=none, residuals_px={})) == {}
+
+
+def test_a_pattern_is_of_the_film_however_scans_lie_on_it__truth(report):
+    """Scans turned by half and quarter turns and of two pixel sizes, whose means cancelled."""
+    block, rays = report.block, {}
+    line = np.linspace(-85, 85, 36)
+    film = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    outwards_mm = film * 1e-4
+    for turns, (name, photo) in enumerate(block.photos.items()):
+        turn = np.linalg.matrix_power(np.array([[0.0, -1.0], [1.0, 0.0]]), turns)
+        matrix = photo.interior.film_from_pixel_matrix
+        laid = np.column_stack([matrix[:, :2] @ turn * (1 + turns % 2), matrix[:, 2]])
+        interior = replace(photo.interior, film_from_pixel_matrix=laid)
+        block = block.with_photos({**block.photos, name: replace(photo, interior=interior)})
+        pixels = interior.pixel_from_film(film)
+        moved = interior.pixel_from_film(film + outwards_mm)
+        rays[name] = UsedRays(pixels, moved - pixels, np.zeros(len(film)), 0)
+    mean, counts, test = mean_pattern(block, rays)
+    assert counts.sum() == len(rays) * len(film)
+    middles = (np.arange(6) - 2.5) * 30
+    expected = np.stack(np.meshgrid(middles, -middles), axis=-1) * 0.1
+    np.testing.assert_allclose(mean, expected, atol=0.35)  # points do not lie about the middles
+    assert test.max() > 10
 
 
 def test_a_shift_turn_and_scale_put_in_are_told__truth():

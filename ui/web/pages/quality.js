@@ -366,19 +366,19 @@ function sigmas(ties, at, unit, [east, north]) {
 function pattern(found) {
   const side = found.pattern.length;
   const lengths = found.pattern.flat().map(([x, y]) => Math.hypot(x ?? 0, y ?? 0));
-  const longest = Math.max(0.05, ...lengths);
+  const longest = Math.max(1, ...lengths);
   const outline = { x: 0, y: 0, width: side, height: side, class: "outline" };
   const children = [svg("rect", { ...outline, "stroke-width": 0.03 })];
   found.pattern.forEach((line, row) => line.forEach(([x, y], column) => {
     if (x === null || y === null) return;
     const [cx, cy] = [column + 0.5, row + 0.5];
-    const end = { x2: cx + (0.45 * x) / longest, y2: cy + (0.45 * y) / longest };
+    const end = { x2: cx + (0.45 * x) / longest, y2: cy - (0.45 * y) / longest };
     const ink = { class: "vector control", "stroke-width": 0.05 };
-    const words = `${number(Math.hypot(x, y), 2)} px \u00b7 ${found.pattern_counts[row][column]}`;
+    const words = `${number(Math.hypot(x, y), 1)} \u00b5m \u00b7 ${found.pattern_counts[row][column]}`;
     children.push(svg("line", { x1: cx, y1: cy, ...end, ...ink }),
       svg("circle", { cx, cy, r: 0.05, class: "control" }, svg("title", {}, words)));
   }));
-  const words = word("quality.longest", { value: number(longest, 2) });
+  const words = word("quality.longest", { value: number(longest, 1) });
   const place = { x: 0, y: side + 0.32, "font-size": 0.26, class: "legend" };
   return svg("svg", { viewBox: `-0.2 -0.2 ${side + 0.4} ${side + 0.7}`, class: "map" },
     ...children, svg("text", place, words));
