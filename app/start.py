@@ -466,7 +466,7 @@ def block_told(folder: Path) -> dict[str, Any]:
     with suppress(OSError, ValueError, KeyError, TypeError):
         figures = json.loads((folder / RESULTS / "report.json").read_text(encoding="utf-8"))
         told["sigma"] = figures["adjustment"]["sigma_nought"]
-        told["m_p"] = figures["checked"]["figures"]["together"]["rmse_plan_m"]
+        told["m_p"] = figures["checked"]["figures"]["together"]["m_p"]
     # A session that cannot be read is told of when its desk is opened.
     with suppress(StorageError), Session.open(folder, "gruber") as session:
         decisions = session.decisions()

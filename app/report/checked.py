@@ -5,8 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float64
+
 from app.report.tables import Cell
 from core.adjustment.adjusted import AdjustmentReport
+from core.adjustment.influence import Influence
+from core.mosaic.misfit import photos_shown
+from core.mosaic.seams import Seam
 from core.quality.readings import (
     Foretold,
     PlanFigures,
@@ -49,6 +55,34 @@ class Checked:
     """What follows."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Predicted:
+    """What the adjustment lets expect of readings."""
+
+    relative_m: float | None
+    """RMS in plan of the block relative to the reference, metres; None: not known."""
+    ortho_sigma_m: float
+    """Standard deviation of the reference per axis, metres."""
+    influence: Influence | None
+    """Equations of the adjusted block; None: not known."""
+    seams: Sequence[Seam]
+    """Which photo the mosaic shows where."""
+
+    def freedom_at(self, places: Float64[np.ndarray, "n 2"]) -> float:
+        """So many independent errors the orientation is worth at places; NaN where not known."""
+        if self.influence is None:
+            return float("nan")
+        photos = self.influence.block.photos
+        shown = zip(photos_shown(places, self.seams), places.tolist(), strict=True)
+        return self.influence.ground_freedom(
+            [
+                (name, np.array([east, north, photos[name].ground_height_m]))
+                for name, (east, north) in shown
+                if name in photos
+            ]
+        )
+
+
 KINDS = {
     "Accept": "accepted",
     "ChoosePeak": "accepted",
@@ -80,8 +114,7 @@ def checked_by_hand(
     report: AdjustmentReport,
     decisions: Sequence[Recorded],
     version: str,
-    relative_m: float | None,
-    ortho_sigma_m: float,
+    predicted: Predicted,
 ) -> Checked | None:
     """What readings say of a mosaic; None without a plan.
 
@@ -89,17 +122,31 @@ def checked_by_hand(
         report: The adjustment.
         decisions: Everything recorded.
         version: Of the mosaic; empty where there is none.
-        relative_m: RMS in plan of the block relative to the reference, metres; None: not known.
-        ortho_sigma_m: Standard deviation of the reference per axis, metres.
+        predicted: What they are compared with.
     """
     plans = standing_plans(decisions)
     if not plans:
         return None
     figures = checked_figures(decisions, plans[-1], version)
-    relative = float("nan") if relative_m is None else relative_m
-    foretold = compare_with_prediction(figures, relative, float(2**0.5) * ortho_sigma_m)
+    relative = float("nan") if predicted.relative_m is None else predicted.relative_m
+    freedom = predicted.freedom_at(_places_read(decisions, plans[-1], version))
+    reference_m = float(2**0.5) * predicted.ortho_sigma_m
+    foretold = compare_with_prediction(figures, relative, reference_m, freedom)
     limit = release_limit_m(report.block)
     return Checked(figures, foretold, tuple(reading_findings(figures, limit, foretold)))
+
+
+def _places_read(
+    decisions: Sequence[Recorded], plan: StandingPlan, version: str
+) -> Float64[np.ndarray, "n 2"]:
+    """Places of a plan that somebody read in a mosaic, metres."""
+    read = {
+        place_id
+        for (place_id, _), (_, one) in readings_of(decisions).items()
+        if one.version == version and one.mosaic is not None
+    }
+    places = [(one.east, one.north) for one in plan.plan.places if one.place_id in read]
+    return np.array(places, dtype=np.float64).reshape(-1, 2)
 
 
 def checked_part(
@@ -223,9 +270,7 @@ def readings_title(checked: Figures, tell: Teller) -> str:
         return tell("report.readings.none")
     together = found["together"]
     low, high = together["m_p_interval"]
-    return tell(
-        "report.readings", count=found["read"], m_p=together["rmse_plan_m"], low=low, high=high
-    )
+    return tell("report.readings", count=found["read"], m_p=together["m_p"], low=low, high=high)
 
 
 def _plan(one: StandingPlan, decisions: Sequence[Recorded], version: str) -> Figures:

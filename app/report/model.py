@@ -18,7 +18,13 @@ from app.report.accuracy import (
     pointing_figures,
     residual_figures,
 )
-from app.report.checked import Checked, checked_by_hand, checked_part, decision_figures
+from app.report.checked import (
+    Checked,
+    Predicted,
+    checked_by_hand,
+    checked_part,
+    decision_figures,
+)
 from app.report.mosaic import fault_figures, misfit_figures, mosaic_figures
 from app.report.protocol_figures import control_in_use, json_value, spread_figures
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
@@ -207,13 +213,9 @@ def _judged(
     report = content.report
     findings = judge_block(assess_block(report, standing), report, content.holes)
     release = _release(content, findings)
-    checked = checked_by_hand(
-        report,
-        content.decisions,
-        content.mosaic_version,
-        None if release is None else release.relative_m,
-        _ortho_sigma_m(content),
-    )
+    relative_m = None if release is None else release.relative_m
+    predicted = Predicted(relative_m, _ortho_sigma_m(content), content.influence, content.seams)
+    checked = checked_by_hand(report, content.decisions, content.mosaic_version, predicted)
     more = (
         *(() if checked is None else checked.findings),
         *misfit_findings(content.likely_faults),

@@ -23,7 +23,7 @@ from core.adjustment.reliability import NONCENTRALITY, SMALLEST_REDUNDANCY
 from core.adjustment.solution import Solution, solve_again, with_held
 from core.adjustment.weights import Terrain, observe_terrain, reweight
 from core.arrays import Flags, Indices, Position
-from core.block import UNKNOWN_M, Block
+from core.block import UNKNOWN_M, Block, Measurement
 from core.progress import SILENT, Progress
 
 Key = tuple[str, str]
@@ -107,6 +107,26 @@ class Influence:
         sigmas = np.sqrt(np.diagonal(covariances, axis1=2, axis2=3))
         names = [photo.photo_id for photo in self.solution.network.photos]
         return dict(zip(names, sigmas, strict=True))
+
+    def ground_freedom(self, places: Sequence[tuple[str, Position]]) -> float:
+        """So many independent errors the plan that photos show of places is worth together.
+
+        tr(C)^2 / tr(C^2), C what the orientations bring to all of them at known height: photos of
+        a block share what it is off (Satterthwaite 1946). NaN without any.
+
+        Args:
+            places: Photo and place (E, N, H), metres.
+        """
+        numbers = {photo.photo_id: row for row, photo in enumerate(self.solution.network.photos)}
+        rows = [np.zeros((0, self.equations.unknowns))]
+        for name, place in places:
+            if name in numbers:
+                ray = Measurement("", name, 0.0, 0.0, 1.0)
+                by_unknowns, by_point = self.equations.of_free_ray(numbers[name], ray, place)
+                rows.append(np.linalg.solve(by_point[:, :2], by_unknowns))
+        every = np.concatenate(rows)
+        found = every @ self.equations.cofactors(every)
+        return float(np.trace(found) ** 2 / np.sum(found**2)) if len(found) else float("nan")
 
     def leave_one_out(self) -> tuple[LeftOut, ...]:
         """Every control point against all others.

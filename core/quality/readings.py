@@ -125,6 +125,8 @@ class ReadingFigures:
     """Places at which nobody could identify a detail."""
     doubled: int
     """Places read by two observers or more."""
+    observer_part: float
+    """Part of the observer's variance that the places keep, each being the mean of its readings."""
     together: PlanFigures
     """Every place once: the mean of its observers."""
     by_observer: Mapping[str, PlanFigures]
@@ -276,6 +278,7 @@ def reading_figures(
         len(by_place),
         unreadable,
         sum(len(several) > 1 for several in places),
+        float(np.mean([1 / len(several) for several in places])) if places else NOT_KNOWN,
         plan_figures(np.array(means).reshape(-1, 2), sigmas),
         {who: _alone(by_observer[who]) for who in sorted(by_observer)},
         tuple(_pairs(by_observer)),
@@ -322,29 +325,32 @@ def plan_figures(differences: PlaneShifts, sigmas_m: Sequence[float] = ()) -> Pl
 
 
 def compare_with_prediction(
-    figures: ReadingFigures, orientation_m: float, reference_m: float
+    figures: ReadingFigures, orientation_m: float, reference_m: float, freedom: float
 ) -> Foretold:
     """Whether readings are as large as predicted.
 
     Where the reference was read, the mosaic follows it with its errors: only the orientation and
     the observer are in the differences. A surveyed point knows nothing of the reference: then the
-    error of the reference and of the survey are in them.
+    error of the reference and of the survey are in them. Readings share what the orientation is
+    off, so that together they are worth fewer than 2 n independent errors (Satterthwaite 1946).
 
     Args:
         figures: The readings.
         orientation_m: RMS in plan of the block relative to the reference, metres.
         reference_m: RMS error of the reference in plan, metres.
+        freedom: So many independent errors the orientation is worth at the places together.
     """
     together = figures.together
-    parts = [orientation_m]
-    if together.survey_m > 0:
-        parts += [together.survey_m, reference_m]
+    parts = [together.survey_m, reference_m] if together.survey_m > 0 else []
     if np.isfinite(figures.observer_m):
-        parts.append(figures.observer_m)
-    predicted = float(np.linalg.norm(parts))
+        parts.append(figures.observer_m * figures.observer_part**0.5)
+    shared, own = orientation_m**2, float(np.sum(np.square(parts)))
+    predicted = float(np.sqrt(shared + own))
     if not together.count or not predicted > 0:
         return Foretold(predicted, NOT_KNOWN, (NOT_KNOWN, NOT_KNOWN))
-    freedom = 2 * together.count
+    # tr(C)^2 / tr(C^2) of the covariance of the orientation and of what each axis has of its own.
+    squares = shared**2 / freedom + (shared + own / 2) * own / together.count
+    freedom = (shared + own) ** 2 / squares
     low, high = np.sqrt(chdtri(freedom, TAILS) / freedom)
     return Foretold(predicted, together.m_p / predicted, (float(low), float(high)))
 
@@ -438,7 +444,7 @@ def reading_findings(
     low, high = together.m_p_interval
     over = low > limit_m
     values = {
-        "value": f"{together.product_m:.2f}",
+        "value": f"{together.m_p:.2f}",
         "low": f"{low:.2f}",
         "high": f"{high:.2f}",
         "limit": f"{limit_m:.2f}",

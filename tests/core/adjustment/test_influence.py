@@ -54,6 +54,20 @@ def test_leaving_each_point_out_is_told_to_first_order__oracle(flight, influence
         np.testing.assert_allclose(off[free], point.difference_m[free], atol=1e-3 + 5 * bend)
 
 
+def test_places_are_worth_as_many_errors_as_their_covariance_tells__law(influence, report):
+    """One place twice is worth what it is once; far photos of a block add to it, not all of it."""
+    at = {
+        name: np.array([*photo.exterior.centre[:2], photo.ground_height_m])
+        for name, photo in report.block.photos.items()
+    }
+    (name, place), *_ = at.items()
+    once = influence.ground_freedom([(name, place)])
+    assert 1.0 <= once <= 2.0
+    assert influence.ground_freedom([(name, place)] * 2) == pytest.approx(once)
+    assert once < influence.ground_freedom(list(at.items())) < 2 * len(at)
+    assert np.isnan(influence.ground_freedom([("nowhere", place)]))
+
+
 def test_left_out_points_keep_their_sigmas__truth():
     """Differences over their standard deviations have variance one: they are honest judges."""
     lengths = []
