@@ -374,7 +374,8 @@ function pattern(found) {
     const [cx, cy] = [column + 0.5, row + 0.5];
     const end = { x2: cx + (0.45 * x) / longest, y2: cy - (0.45 * y) / longest };
     const ink = { class: "vector control", "stroke-width": 0.05 };
-    const words = `${number(Math.hypot(x, y), 1)} \u00b5m \u00b7 ${found.pattern_counts[row][column]}`;
+    const size = number(Math.hypot(x, y), 1, "\u00b5m");
+    const words = `${size} \u00b7 ${found.pattern_counts[row][column]}`;
     children.push(svg("line", { x1: cx, y1: cy, ...end, ...ink }),
       svg("circle", { cx, cy, r: 0.05, class: "control" }, svg("title", {}, words)));
   }));
