@@ -117,9 +117,14 @@ class SheetMaker:
             What was `said`, and the index map as `file` of the results; nothing when cancelled.
 
         Raises:
-            PhotogrammetryError: There is no mosaic, or no sheets are named, or they cannot be made.
+            PhotogrammetryError: There is no mosaic, or no sheets are named, or they cannot be made,
+                or are being made already.
         """
-        with self._turn:
+        if not self._turn.acquire(blocking=False):
+            raise ProjectError(
+                self._file, "has its map sheets in the making.", "Wait for them, or cancel them."
+            )
+        try:
             self._asked.clear()
             self._share, self._what = 0.0, ""
             project = read_project(self._file)
@@ -136,6 +141,8 @@ class SheetMaker:
                     delivery = make_sheets(session, project, mosaic, self)
                 except Cancelled:
                     return {}
+        finally:
+            self._turn.release()
         return {"said": sheets_line(delivery), "file": f"sheets/{INDEX}"}
 
 

@@ -118,6 +118,10 @@ def real_desk(run_folder, seats):
         seats.leave()
 
 
+AT_WORK = {"state": "running", "lines": [], "stages": [], "log": []}
+"""What is told of a run that has begun."""
+
+
 def toured(url: str) -> dict:
     """What a browser keeps that has been at the desk before: the tour does not open by itself."""
     origin = url.partition("/?")[0]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.browser.conftest import PATIENCE_MS, VIOLATIONS, toured
+from tests.browser.conftest import AT_WORK, PATIENCE_MS, VIOLATIONS, toured
 from tests.browser.hands import caught_up, grow, unfold
 
 
@@ -75,3 +75,22 @@ def test_axe_finds_nothing_on_any_page__oracle(sit_with, axe, theme, language):
     page.wait_for_function("gruber.parts.point.state === 'rejected'")
     look("rejected")
     assert {name: lines for name, lines in found.items() if lines} == {}
+
+
+def test_who_goes_to_the_settings_is_asked_about_what_is_at_work__law(desk, sit):
+    """A run, an update of the results or a search was cancelled without a word."""
+    page = sit(scene=False)
+    page.route("**/settings", lambda route: route.fulfill(json={}))
+    asked = ".notice.grave:has-text('Settings stop')"
+    for work in ("remaking", "filling"):
+        page.evaluate(f"gruber.parts.status.{work} = {{ share: 0.5, what: '' }}")
+        page.click("#settings-open")
+        page.click(asked)
+        with page.expect_request("**/settings"):
+            page.click("#settings-open")
+        page.evaluate(f"gruber.parts.status.{work} = null")
+        with page.expect_request("**/settings"):
+            page.click("#settings-open")
+    page.route("**/run", lambda route: route.fulfill(json=AT_WORK))
+    page.click("#settings-open")
+    page.wait_for_selector(asked)

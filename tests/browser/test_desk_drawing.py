@@ -176,3 +176,36 @@ def test_one_photo_of_a_finished_block_is_placed_anew_and_undone__truth(
     page.wait_for_function("before => gruber.parts.status.decided === before", arg=before)
     settled(page)
     assert np.allclose(centre_of(real_desk, name), photo.exterior.centre, atol=0.02)
+
+
+def test_pairs_are_called_saved_once_they_are__law(sit_at: Sit, real_desk: RealDesk) -> None:
+    """Every look at the whole scan called them saved, and forgot what U takes back."""
+    page = sit_at(real_desk.desk.url, scene=False)
+    settled(page)
+    name = page.evaluate("gruber.parts.point.key[1]")
+    page.keyboard.press("Shift+G")
+    page.frame_locator("#placed iframe").locator(f'.scan.on[data-scan="{name}"]').wait_for()
+    inner = next(one for one in page.frames if "placing.html" in one.url)
+    inner.wait_for_function("gruber.place().scan && gruber.place().views.ortho.scale > 0")
+    for share in (0.4, 0.6):
+        for side in ("scan", "ortho"):
+            box = inner.locator(f".pane[data-pane={side}]").bounding_box()
+            page.mouse.click(
+                box["x"] + share * box["width"], box["y"] + (share - 0.05) * box["height"]
+            )
+    assert len(inner.evaluate("gruber.place().scan.pairs")) == 2
+    page.keyboard.press("f")
+    assert inner.evaluate("gruber.place().saved") == ""
+    away_and_back = (f'.scan:not([data-scan="{name}"])', f'[data-scan="{name}"]')
+    for scan in away_and_back:
+        inner.locator(scan).first.click()
+    assert inner.evaluate("gruber.place().saved") == ""
+    page.mouse.click(box["x"] + 0.3 * box["width"], box["y"] + 0.3 * box["height"])
+    page.keyboard.press("f")
+    assert inner.evaluate("Boolean(gruber.place().pending.ortho)")
+    page.keyboard.press("u")
+    page.keyboard.press("s")
+    inner.wait_for_function("gruber.place().saved")
+    for scan in away_and_back:
+        inner.locator(scan).first.click()
+    assert "saved before" in inner.evaluate("gruber.place().saved")

@@ -299,3 +299,23 @@ def test_a_new_mosaic_leaves_the_focus_where_words_are_typed__law(
     }""")
     page.keyboard.type("urch")
     assert page.input_value("#fault-words") == "church"
+
+
+def test_sheets_in_the_making_are_seen_and_cancelled_whoever_opens_the_results__law(
+    sit_at: Sit, real_desk: RealDesk
+) -> None:
+    page = sit_at(real_desk.desk.url, scene=False)
+    told = {"busy": True, "share": 0.4, "what": ""}
+    page.route("**/sheets", lambda route: route.fulfill(json=told))
+    for _ in range(2):
+        page.click("#results-open")
+        page.wait_for_selector("#sheets-said:has-text('40')")
+        assert page.is_disabled("#sheets-begin")
+        page.keyboard.press("Escape")
+    page.click("#results-open")
+    with page.expect_request("**/sheets/cancel"):
+        page.click("#sheets-cancel")
+    told["busy"] = False
+    page.wait_for_selector("#sheets-begin:not([disabled])")
+    assert page.is_hidden("#sheets-cancel")
+    assert page.inner_text("#sheets-said") == ""

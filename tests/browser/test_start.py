@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.start import open_start
-from tests.browser.conftest import PATIENCE_MS, VIOLATIONS
+from tests.browser.conftest import AT_WORK, PATIENCE_MS, VIOLATIONS
 from tests.browser.test_desk_security import asked, entered
 from tests.journeys.copies import copied, reviewing
 
@@ -265,4 +265,23 @@ def test_what_holds_a_run_back_is_named_at_the_foot_until_it_is_mended__truth(
         assert page.locator(".notice").count() == 1
         page.click('[data-act="start.home"]')
         assert opened.wait() == home
+    context.close()
+
+
+def test_who_leaves_a_run_is_asked_first__law(chromium, tiny_block, tmp_path):
+    """It was cancelled at once, without a word."""
+    shutil.copytree(tiny_block, tmp_path / "many" / "one")
+    context = chromium.new_context(bypass_csp=True)
+    context.set_default_timeout(PATIENCE_MS)
+    with open_start(tmp_path / "many", "127.0.0.1", 0) as opened:
+        page, opening = context.new_page(), []
+        page.route("**/run", lambda route: route.fulfill(json=AT_WORK))
+        page.route("**/open", lambda route: opening.append(1) or route.fulfill(json={}))
+        page.goto(opened.url)
+        block = "#files .have button:has-text('one')"
+        page.click(block)
+        page.wait_for_selector(".notice.grave:has-text('stops the run')")
+        assert not opening
+        with page.expect_request("**/open"):
+            page.click(block)
     context.close()

@@ -12,7 +12,7 @@ from app.block_sections import BlockSection
 from app.desk.mosaic import MosaicFile, SheetMaker, sheet_routes
 from app.mosaic import make_mosaic
 from app.project import ListedScan, Project, ReferenceSection, ScansSection
-from core.errors import Cancelled
+from core.errors import Cancelled, ProjectError
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.seam_edits import SeamArea, SeamLine
 from core.orthos.rectification import OrthoProduct
@@ -219,6 +219,16 @@ def test_what_is_lacking_is_told__truth(folder: Path, index: bool) -> None:
     assert status == 409
     cause = "there is no mosaic to cut yet." if index else "names no map sheets."
     assert cause in str(said["error"])
+
+
+def test_sheets_in_the_making_are_not_begun_a_second_time__law(folder: Path) -> None:
+    """The second press waited, and cut them once more."""
+    project_in(folder)
+    with_mosaic(folder)
+    maker = SheetMaker(folder / "block.toml")
+    with maker._turn, pytest.raises(ProjectError, match="in the making"):  # pyright: ignore[reportPrivateUsage]
+        maker.make()
+    assert maker.make()["said"]
 
 
 def test_it_stops_when_asked_and_keeps_whole_sheets__law(

@@ -442,9 +442,10 @@ async function open() {
   setUpPoints();
   setUpResults();
   setUpSettings(() => {
-    const { people = [], drafts = 0 } = state.parts.status ?? {};
+    const { people = [], drafts = 0, remaking, filling } = state.parts.status ?? {};
     const values = { people: people.length, drafts };
-    return people.length || drafts ? word("settings.ask", values) : "";
+    return [...people.length || drafts ? [word("settings.ask", values)] : [],
+      ...remaking || filling ? [word("settings.stop")] : []];
   });
   setUpTheme();
   document.body.classList.toggle("guest", start.guest);

@@ -33,7 +33,7 @@ const state = {
   model: /** @type {"similarity" | "affine"} */ ("similarity"),
   saved: "",
   /** Photos with saved pairs: without any left, saving gives them back. */
-  kept: /** @type {Set<string>} */ (new Set()),
+  kept: /** @type {Map<string, string>} */ (new Map()),
   /** Pairs as they were before each change, as JSON. */
   history: /** @type {string[]} */ ([]),
   timers: { nudge: 0 },
@@ -84,9 +84,17 @@ function lookNear({ east, north, pixel }, size) {
 
 /** @param {ScanToPlace} scan */
 function choose(scan) {
-  const { views, panes } = state;
-  const saved = scan.pairs.length ? word("placing.was") : "";
+  const isSaved = state.kept.get(scan.photo) === JSON.stringify(scan.pairs);
+  const saved = isSaved ? word("placing.was") : "";
   Object.assign(state, { scan, pending: {}, fit: {}, last: null, history: [], saved });
+  fitViews(scan);
+  judge();
+  show();
+}
+
+/** @param {ScanToPlace} scan */
+function fitViews(scan) {
+  const { views, panes } = state;
   views.scan.fit([0, 0], scan.size, panes.scan.size, 0.97);
   if (scan.known) {
     lookNear(scan.known, scan.size);
@@ -94,8 +102,7 @@ function choose(scan) {
     const { width, height } = start.lattice;
     views.ortho.fit([0, 0], [width, height], panes.ortho.size, 0.97);
   }
-  judge();
-  show();
+  redraw();
 }
 
 async function judge() {
@@ -182,10 +189,11 @@ async function save() {
   if (!scan || start.guest || isNothing(scan)) return;
   const seat = encodeURIComponent(asked.get("seat") ?? "");
   const address = `/points/${encodeURIComponent(scan.photo)}?seat=${seat}`;
+  const sent = JSON.stringify(scan.pairs);
   const answer = await post(address, { pairs: scan.pairs });
   if (!answer.ok) return tell(answer.error, true);
   const { saved: file } = answer;
-  if (file) kept.add(scan.photo);
+  if (file) kept.set(scan.photo, sent);
   else kept.delete(scan.photo);
   const said = desk ? ["placing.decided", "placing.given-back"]
     : ["placing.saved", "placing.removed"];
@@ -336,7 +344,7 @@ function showPairs(scan) {
       ...(desk ? [act("placing.world", "T", {
         id: "placing-world", disabled: start.guest || !chosenFit().matrix, onclick: writeWorldFile,
       })] : []),
-      act("act.fit", "F", { onclick: () => choose(scan) })),
+      act("act.fit", "F", { onclick: () => fitViews(scan) })),
     element("p", { class: "muted" }, saved || word("placing.hint")));
 }
 
@@ -400,7 +408,7 @@ function showRun() {
 /** @type {Record<string, () => unknown>} */
 const ACTS = {
   s: save, t: () => desk && chosenFit().matrix && writeWorldFile(), u: takeBack, w: switchWallis,
-  j: () => step(1), k: () => step(-1), f: () => step(0),
+  j: () => step(1), k: () => step(-1), f: () => state.scan && fitViews(state.scan),
   Escape: () => {
     if (desk && !state.pending.scan && !state.pending.ortho) return desk.gruberPlaced?.();
     state.pending = {};
@@ -415,7 +423,8 @@ const REPEATS = new Set(["j", "k"]);
 function step(by) {
   const { scans, scan } = state;
   if (!scan) return;
-  choose(scans[Math.min(Math.max(scans.indexOf(scan) + by, 0), scans.length - 1)]);
+  const next = scans[Math.min(Math.max(scans.indexOf(scan) + by, 0), scans.length - 1)];
+  if (next !== scan) choose(next);
 }
 
 /** @param {KeyboardEvent} event */
@@ -435,7 +444,8 @@ async function open() {
   document.body.classList.toggle("embedded", Boolean(desk));
   const scans = start.scans;
   state.scans = scans;
-  state.kept = new Set(scans.filter(({ pairs }) => pairs.length).map(({ photo }) => photo));
+  state.kept = new Map(scans.filter(({ pairs }) => pairs.length)
+    .map(({ photo, pairs }) => [photo, JSON.stringify(pairs)]));
   learnNames(scans.map((one) => one.photo));
   document.title = `${start.name} \u00b7 ${word("placing")}`;
   fillWords();

@@ -8,7 +8,11 @@ const state = {
   written: 0,
   /** The tab it was opened in. */
   page: /** @type {Window | null} */ (null),
+  /** Whether map sheets were in the making when that was asked last, and when it is asked again. */
+  cutting: false,
+  timer: 0,
 };
+const ASKED_MS = 700; // design: as a run that is watched
 
 /** A report written anew is listed, and shown where it is open. @param {Status} status */
 export function tellResults({ written_ms: written }) {
@@ -39,6 +43,7 @@ async function open() {
     sheetHead(sheet, "results"), element("p", {}, word("results.long")),
     element("p", {}, mosaicButton("results")), list, ...sheets(), ...exporting());
   sheet.showModal();
+  if (!start.guest) watchSheets();
   await fill(list);
 }
 
@@ -115,23 +120,34 @@ function sheets() {
   async function make() {
     const goOn = held(/** @type {HTMLButtonElement} */ (begin));
     stop.hidden = false;
-    const timer = setInterval(showShare, 700);
     said.replaceChildren(word("sheets.making", { share: 0, what: "" }));
+    state.timer = setTimeout(watchSheets, ASKED_MS);
     const answer = await post("/sheets");
-    clearInterval(timer);
-    stop.hidden = true;
     goOn();
-    if (answer.error) said.replaceChildren(element("p", {}, again(answer.error)));
-    else if (answer.said) said.replaceChildren(
-      element("p", {}, again(answer.said), " ", link(answer.file)));
-    else said.replaceChildren(element("p", {}, word("sheets.cancelled")));
+    await watchSheets();
+    // The sheet may have been closed and opened again meanwhile.
+    document.getElementById("sheets-said")?.replaceChildren(element("p", {},
+      ...(answer.error ? [again(answer.error)] : answer.said
+        ? [again(answer.said), " ", link(answer.file)] : [word("sheets.cancelled")])));
   }
+}
 
-  async function showShare() {
-    const answer = await fetch("/sheets");
-    const { busy, share, what } = answer.ok ? await answer.json() : { busy: false };
-    if (busy) said.replaceChildren(word("sheets.making", { share: Math.round(100 * share), what }));
+/** How far map sheets are, whoever began them, until they are done. */
+async function watchSheets() {
+  clearTimeout(state.timer);
+  const answer = await fetch("/sheets").catch(() => null);
+  const { busy, share, what } = answer?.ok ? await answer.json() : { busy: false };
+  if (!byId("results").open) return;
+  if (busy) {
+    clearTimeout(state.timer);
+    state.timer = setTimeout(watchSheets, ASKED_MS);
   }
+  byId("sheets-cancel").hidden = !busy;
+  byId("sheets-begin").toggleAttribute("disabled", busy);
+  const making = word("sheets.making", { share: Math.round(100 * share), what });
+  if (busy) byId("sheets-said").replaceChildren(making);
+  else if (state.cutting) byId("sheets-said").replaceChildren();
+  state.cutting = busy;
 }
 
 /** A format to choose, and the block in it. */

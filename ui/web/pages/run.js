@@ -84,20 +84,26 @@ export async function watchRun(changed) {
   state.timer = setTimeout(() => watchRun(changed), BUSY_MS);
 }
 
+/** True while a run is under way, whoever began it. */
+export async function isRunning() {
+  const answer = await fetch("/run").catch(() => null);
+  return Boolean(answer?.ok) && (await answer?.json()).state === "running";
+}
+
 /**
  * Files and settings take the place of this page, for everybody who has it open.
- * @param {() => string} hinders what would be lost or who is disturbed: it is said, and asked, once
+ * @param {() => string[]} hinders what would be lost, who is disturbed: it is said, and asked, once
  */
-export function setUpSettings(hinders = () => "") {
+export function setUpSettings(hinders = () => []) {
   const button = byId("settings-open");
   let asked = "";
   button.title = word("settings.tip");
   button.addEventListener("click", async () => {
-    const why = hinders();
-    if (why !== asked) {
-      asked = why;
-      if (why) return tell(why, true);
-    }
+    const run = await isRunning() ? [word("settings.stop")] : [];
+    const whys = [...new Set([...hinders(), ...run])];
+    const before = asked;
+    asked = whys.join();
+    if (whys.length && asked !== before) return whys.forEach((why) => tell(why, true));
     // By this mark the page that follows knows whose doing it was.
     const mark = `${Math.random()}`;
     sessionStorage.setItem("gruber.leaving", mark);

@@ -1,8 +1,8 @@
 // The start page: what a folder holds and lacks, files into it, its settings, and the run.
 import { again, all, byId, element, fillWords, first, number, renew, start, word }
   from "./words.js";
-import { beginRun, cancelButton, lookAgain, post, runLines, runNow, settle, tell, watchRun }
-  from "./run.js";
+import { beginRun, cancelButton, isRunning, lookAgain, post, runLines, runNow, settle, tell,
+  watchRun } from "./run.js";
 import { dropWritten, fillFields, formShown, formValues, formWritten, goToField, recallWritten,
   showForm } from "./start_form.js";
 import { drawMap, setUpFilm, showScans } from "./start_film.js";
@@ -20,6 +20,8 @@ const state = {
   /** What a hand has changed is being checked; and it is another than the file has. */
   checking: false,
   touched: false,
+  /** True once it was said that the run stops. */
+  leaving: false,
   /** The doubts in spite of which a run was asked for once. */
   asked: "",
   judged: /** @type {Judged} */ ({ errors: {}, missing: [], ready: false }),
@@ -165,6 +167,9 @@ async function unlink(name) {
 
 /** @param {string} path */
 async function open(path) {
+  const asks = await isRunning() && !state.leaving;
+  state.leaving = asks;
+  if (asks) return tell(word("start.stop"), true, "/open");
   const answer = await post("/open", { path });
   if (!answer.ok) return tell(answer.error, true, "/open");
   tell(word("start.opening"));
