@@ -64,8 +64,8 @@ def make_orthos(
                     photo, camera, heights, gsd, temporary, block.crs, usable=shown, progress=part
                 )
             kept = OrthoProduct(made.photo_id, target, made.grid, made.covered_share, made.nadir)
-            session.products.save_value(stage, digest_of(inputs, target), kept)
             session.products.save_value(f"made-with/{photo.photo_id}", inputs, (photo, camera))
+            session.products.save_value(stage, digest_of(inputs, target), kept)
             made_now += 1
         elif only is None:
             made_now += 1
