@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 from pyproj import CRS, Transformer
+from pyproj.crs import GeographicCRS
 
 from core.arrays import ObjectPoints, Position, Rotation
 from core.doubts import Doubt
@@ -146,12 +147,12 @@ def check_scale(crs: str, bounds: Bounds) -> tuple[Doubt, ...]:
     """
     west, south, east, north = bounds
     place = np.array([(west + east) / 2, (south + north) / 2, 0.0])
-    frame = tangent_frame(crs, place)
-    scales = np.array(frame.scales_at(place))
+    plane = map_crs(crs, CRS_KEY)
+    scales = np.array(tangent_frame(crs, place).scales_at(place))
     told = {
-        "name": short_name(map_crs(crs, CRS_KEY)),
+        "name": short_name(plane),
         "scale": float(scales[np.argmax(np.abs(scales - 1))]),
-        "zone": zone_of(frame.degrees(place[None])),
+        "zone": zone_of(map_in_space(plane).degrees(place[None])),
     }
     if np.abs(scales - 1).max() > MOST_SCALE:
         raise CrsError(
@@ -219,9 +220,12 @@ def map_crs(text: str, where: str | Path) -> CRS:
 
 
 def geographic_of(crs: CRS) -> CRS:
-    """The geographic CRS whose datum a map has."""
-    assert crs.geodetic_crs is not None, "a map is made from one"
-    return crs.geodetic_crs
+    """The geographic CRS whose datum a map has, in degrees: France counts some in gons."""
+    geographic = crs.geodetic_crs
+    assert geographic is not None, "a map is made from one"
+    if all(axis.unit_name == "degree" for axis in geographic.axis_info[:2]):
+        return geographic
+    return GeographicCRS(f"{geographic.name} in degrees", geographic.datum)
 
 
 def crs_text(crs: CRS) -> str:

@@ -40,7 +40,11 @@ def block_over(crs: str, middle: np.ndarray) -> ExchangeBlock:
 
 @pytest.mark.parametrize(
     ("crs", "middle"),
-    [("EPSG:5514", MIDDLE), ("EPSG:32633", np.array([400000.0, 5550000.0, 250.0]))],
+    [
+        ("EPSG:5514", MIDDLE),
+        ("EPSG:32633", np.array([400000.0, 5550000.0, 250.0])),
+        ("EPSG:27561", np.array([999800.0, 112400.0, 150.0])),
+    ],
 )
 def test_photos_see_the_same_ground_and_the_earth_s_curve__truth(
     crs: str, middle: np.ndarray

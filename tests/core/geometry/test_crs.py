@@ -89,6 +89,7 @@ def test_a_map_far_from_scale_one_is_refused__truth(
         ("EPSG:32633", (18, 0), ""),  # at the border of its zone, where it bends most
         ("EPSG:32633", (22.5, 49), ""),  # as far beyond it as a block may lie
         ("EPSG:2154", (9, 42), ""),
+        ("EPSG:27561", (7.7, 48.6), ""),  # counts longitudes in gons, from Paris
         ("EPSG:26910", (-123, 45), ""),
         ("EPSG:3035", (11, 52), ""),
         ("EPSG:3035", (15, 50), "57 µm"),

@@ -12,6 +12,7 @@ from rasterio.transform import Affine
 
 from core.errors import ScanError
 from core.geometry.camera import Camera
+from core.geometry.interior import InteriorOrientation
 from core.matching.local_search import predict_pixels
 from core.matching.patches import Window, object_on_ground, read_scan
 from core.progress import SILENT
@@ -113,7 +114,9 @@ def test_a_scan_whose_nought_is_white_is_turned_round__truth(
     np.testing.assert_array_equal(read_overview(open_scan(path), 1), expected)
     laid = tmp_path / "upright.tif"
     frame = ((310, 230), 1.0, (0.0, 0.0))
-    write_upright(path, laid, np.array([[1.0, 0, 0], [0, -1, 0]]), frame, SILENT)
+    nobody, lies = np.zeros((0, 2)), np.array([[1.0, 0, 0], [0, -1, 0]])
+    interior = InteriorOrientation("affine", lies, (), nobody, nobody, np.nan, np.zeros(2))
+    write_upright(path, laid, interior, frame, SILENT)
     np.testing.assert_array_equal(read_overview(open_scan(laid), 1), expected)
 
 
