@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from app.run import usable_parts
+from app.surface import usable_parts
 from core.adjustment.adjusted import AdjustmentReport
 from core.mosaic.comparison import compare_orthos
 from core.synthetic.truth import judge_control, judge_orientations
