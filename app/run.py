@@ -105,6 +105,7 @@ class Run:
         self.results = StageResults()
         self.passes = 1
         self.digests: dict[str, str] = {}
+        self.last_pass: dict[str, str] = {}
         self.seconds: dict[str, float] = {}
         self.times: dict[str, float] = session.products.latest_value(TIMES) or {
             f"{name}/1": seconds for name, seconds in self.last_walk.get("seconds", {}).items()
@@ -210,9 +211,7 @@ class Run:
         self.digests[stage.name] = digest
         value = None if self.anew(stage.name) else products.load_value(product, digest)
         fresh = value is not None
-        if fresh:
-            products.renew(product, digest)
-        else:
+        if not fresh:
             work = Work(progress, self.threads.map, self.given.name)
             value = stage.run(self.given, self.results, work)
             products.save_value(product, digest, value)
@@ -221,8 +220,19 @@ class Run:
         elif isinstance(value, Localised) and fresh and self.results.localisation is not None:
             value = replace(value, features=self.results.localisation.features)
         self.results = replace(self.results, **{stage.name: value})
+        if stage.repeated:
+            self.last_pass[stage.name] = product
+        if stage.name == "control" and not self.again("control"):
+            self.renew_last_pass()
         told = STAGE_LINES[stage.name](self.results)
         return say("{told} (as before)", told=told) if fresh else told
+
+    def renew_last_pass(self) -> None:
+        """Let the last pass count as the newest, also where only an earlier one was made again."""
+        products = self.session.products
+        for name, product in self.last_pass.items():
+            if products.latest_digest(name) != self.digests[name]:
+                products.renew(product, self.digests[name])
 
     def corrected(self, found: ScanSet) -> ScanSet:
         """The scans as operators corrected them: all that follows depends on their fiducials."""

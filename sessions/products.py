@@ -86,7 +86,7 @@ class Products:
         return _value_in(self._value_path(stage, digest), self._here)
 
     def renew(self, stage: str, digest: str) -> None:
-        """Count a value as made last: a walk has found it fresh."""
+        """Count a value as made last."""
         now = time.time_ns()
         # What another user made stays as old as it is.
         with suppress(OSError):
