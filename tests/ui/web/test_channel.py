@@ -2,8 +2,10 @@
 
 import asyncio
 import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 
-from aiohttp import web
+from aiohttp import ClientWebSocketResponse, web
 from aiohttp.test_utils import TestClient, TestServer
 
 from ui.review.gestures import Judged, Stepped
@@ -52,15 +54,21 @@ class Room:
         application.add_routes([web.get("/desk/{seat}", serve)])
         return application
 
+    @asynccontextmanager
+    async def page(self, guest: bool = False) -> AsyncIterator[ClientWebSocketResponse]:
+        """A page that sits down in it."""
+        async with (
+            TestServer(self.application(guest)) as server,
+            TestClient(server) as client,
+            client.ws_connect("/desk/seat-one") as page,
+        ):
+            yield page
+
 
 def test_a_page_gets_what_changed_since_it_last_heard__law():
     async def visit() -> None:
         room = Room()
-        async with (
-            TestServer(room.application()) as server,
-            TestClient(server) as client,
-            client.ws_connect("/desk/seat-one") as page,
-        ):
+        async with room.page() as page:
             room.channel.show("seat-one", {"status": "1", "queue": "2"})
             assert await page.receive_json() == {"status": 1, "queue": 2}
             room.channel.show("seat-one", {"status": "3", "queue": "2"})
@@ -85,11 +93,7 @@ def test_pieces_that_were_cut_off_come_again_when_they_return__law():
 
     async def visit() -> None:
         room, pieces = Room(), []
-        async with (
-            TestServer(room.application()) as server,
-            TestClient(server) as client,
-            client.ws_connect("/desk/seat-one") as page,
-        ):
+        async with room.page() as page:
             for rows in (many, many[:PIECE], many):
                 room.channel.show("seat-one", lines.told(rows))
                 pieces.append(set(await page.receive_json()))
@@ -104,11 +108,7 @@ def test_a_verdict_on_thousands_of_rows_at_once_arrives__law():
 
     async def visit() -> None:
         room = Room()
-        async with (
-            TestServer(room.application()) as server,
-            TestClient(server) as client,
-            client.ws_connect("/desk/seat-one") as page,
-        ):
+        async with room.page() as page:
             await page.send_json({"kind": "judge", "keys": keys, "verdict": "accept"})
             async with asyncio.timeout(30):
                 while not room.gestures:
@@ -121,11 +121,7 @@ def test_a_verdict_on_thousands_of_rows_at_once_arrives__law():
 def test_a_guest_may_step_and_is_told_why_not_decide__law():
     async def visit() -> None:
         room = Room()
-        async with (
-            TestServer(room.application(guest=True)) as server,
-            TestClient(server) as client,
-            client.ws_connect("/desk/seat-one") as page,
-        ):
+        async with room.page(guest=True) as page:
             await page.send_json({"kind": "judge", "key": ["P", "a"], "verdict": "accept"})
             assert await page.receive_json() == {"notices": [json.loads(ONLY_LOOKING)]}
             await page.send_json({"kind": "step", "step": 1})
