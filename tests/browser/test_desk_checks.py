@@ -293,14 +293,20 @@ def test_a_signature_is_outdated_by_a_decision_and_holds_again_once_undone__law(
     assert len(places) == before
 
 
-def test_a_fault_is_marked_answered_and_closed_in_the_mosaic__truth(
-    real_desk: RealDesk, sit_at: Sit
-) -> None:
+def at_the_mosaic(real_desk: RealDesk, sit_at: Sit) -> Any:
+    """A desk with the mosaic open and a place of it chosen by key."""
     page = sit_at(real_desk.desk.url, scene=False)
     settled(page)
     page.keyboard.press("Shift+O")
     page.wait_for_function("gruber.mosaicState().found?.version > 0", timeout=PATIENCE_MS)
     page.keyboard.press("Enter")
+    return page
+
+
+def test_a_fault_is_marked_answered_and_closed_in_the_mosaic__truth(
+    real_desk: RealDesk, sit_at: Sit
+) -> None:
+    page = at_the_mosaic(real_desk, sit_at)
     page.wait_for_selector("#fault-mark", timeout=PATIENCE_MS)
     page.select_option("#fault-kind", "double")
     page.fill("#fault-words", "church seen twice")
@@ -372,11 +378,7 @@ def test_what_cannot_be_sent_stays_where_it_was_made__law(
 def test_what_is_said_of_the_mosaic_stays_where_it_cannot_be_sent__law(
     real_desk: RealDesk, sit_at: Sit
 ) -> None:
-    page = sit_at(real_desk.desk.url, scene=False)
-    settled(page)
-    page.keyboard.press("Shift+O")
-    page.wait_for_function("gruber.mosaicState().found?.version > 0", timeout=PATIENCE_MS)
-    page.keyboard.press("Enter")
+    page = at_the_mosaic(real_desk, sit_at)
     page.fill("#fault-words", "church", timeout=PATIENCE_MS)
     page.fill("#fault-assigned", "eve")
     with wire_cut(page):
