@@ -345,14 +345,6 @@ def _near(place: Measurement | Peak, column: float, row: float) -> bool:
     return (place.column - column) ** 2 + (place.row - row) ** 2 <= SAME_PLACE_PX**2
 
 
-def judged(block: Block, decision: JudgeTie | JudgePhoto) -> Block | None:
-    """The block after the verdict; None when what it is about is not in this block."""
-    subject = _subject(block, decision)
-    if subject is None:
-        return None
-    return block if decision.use else _without(block, {subject})
-
-
 def _subject(block: Block, decision: JudgeTie | JudgePhoto) -> str | int | None:
     """The photo, or the number of the tie point, that a verdict is about; None without it."""
     photo_id = decision.photo_id

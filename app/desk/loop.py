@@ -261,7 +261,7 @@ class ReviewLoop:
         wanted = [one for one in looked_at if one and one not in self._now.trials]
         if wanted and (self._trial is None or self._trial.subject not in wanted):
             state = self._seen_by(looked_at[wanted[0]]).state
-            self._trial = TrialWork(state, wanted[0])
+            self._trial = TrialWork(state, wanted[0], self._now.after)
             self._worker.try_out(self._trial)
 
     def _take_page(self, event: SeatTaken | SeatLeft | SceneOpened) -> None:

@@ -55,7 +55,7 @@ def effect(count: int) -> bool:
         while told < count:
             rows = [row for row in queue_rows(state) if row.role == "control" and not row.human]
             key = rng.choice(rows).key
-            block = turn_measurement(state, key)
+            block = turn_measurement(state, key, lambda _: made.block)
             assert block is not None
             trial = trial_of(state, key, adjust(block))
             if trial is None:

@@ -211,6 +211,7 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
         "peaks": _peaks(measurement, shown.measurement_of(key) or measurement),
         "others": _others(state, rows, pictured, pictured.beside or (key,)),
         "ahead": _ahead(state, seat, rows, drawn),
+        "idle": state.is_idle(key),
         "trial": _trial(state, pictured.trial),
         "history": list(pictured.history),
     }

@@ -7,7 +7,8 @@ import numpy as np
 
 from core.block import Block
 from core.doubts import Doubt
-from sessions.decisions import Recorded
+from sessions.decisions import Decision, Recorded
+from sessions.replay import replay
 from ui.review.compare import Drawn, HeightSource
 from ui.review.history import AdjustmentRecord
 from ui.review.queue import NO_ROWS, QueueTable, Row, keep_seat_up
@@ -62,6 +63,12 @@ class DeskSnapshot:
     """Everybody who ever sat down, by seat."""
     present: frozenset[str] = frozenset()
     """Seats with an open page."""
+
+    def after(self, decision: Decision) -> Block:
+        """The block with one more decision laid over it, beside all that was decided."""
+        number = 1 + max((one.decision_id for one in self.recorded), default=0)
+        recorded = *self.recorded, Recorded(number, "", "", decision)
+        return replay(self.base, recorded, self.initial.films, self.initial.cameras).block
 
     @property
     def rows(self) -> Mapping[Key, Row]:

@@ -417,6 +417,15 @@ class DeskState:
         """True for a point that nobody has measured in this photo."""
         return key in self.to_measure.waiting and key not in self.block.measurements
 
+    def is_idle(self, key: Key) -> bool:
+        """True where no verdict changes anything, for the photo was rejected.
+
+        The photo itself can be accepted, and other photos show a tie point.
+        """
+        photo = self.extra.measurements.get((f"photo {key[1]}", key[1]))
+        rejected = photo is not None and photo.status == "rejected"
+        return rejected and self.extra.kinds.get(key[0]) not in ("photo", "tie")
+
     def point_of(self, name: str) -> SurveyedPoint | None:
         """The place on the ground a row is about; of a new point, where it is known to be."""
         known = self.block.surveyed.get(name)

@@ -1,21 +1,20 @@
 """The effect of a decision before it is made: the block adjusted with one measurement switched."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import USED, Block, Measurement
-from core.scans.corrected_marks import MarkChange
-from sessions.decisions import JudgeFiducial, JudgePhoto, JudgeTie
-from sessions.replay import judged
-from sessions.scan_decisions import with_changes
 from ui.review.compare import shift_px
-from ui.review.doubtful import verdict_on
+from ui.review.doubtful import Verdict, verdict_on
 from ui.review.drafts import apply_draft
 from ui.review.misfit import misfits
 from ui.review.state import DeskState, Draft, Key
 
+After = Callable[[Verdict], Block]
+"""The block with one more verdict laid over it, beside all that was decided."""
 NEIGHBOURS = 3
 """So many measurements beside the one looked at are told."""
 
@@ -62,21 +61,23 @@ class TrialWork:
     """The desk with the adjustment on screen."""
     subject: Key | Draft
     """The measurement, or the place drafted for it."""
+    after: After
+    """What a verdict makes of the block."""
 
     def block(self) -> Block | None:
         """The block with the measurement turned; None where that can change nothing."""
-        return turn_measurement(self.state, self.subject)
+        return turn_measurement(self.state, self.subject, self.after)
 
     def conclude(self, report: AdjustmentReport) -> Trial | None:
         """The figures of the trial; None when it did not settle."""
         return trial_of(self.state, self.subject, report)
 
 
-def turn_measurement(state: DeskState, subject: Key | Draft) -> Block | None:
+def turn_measurement(state: DeskState, subject: Key | Draft, after: After) -> Block | None:
     """The block with one measurement turned, or moved; None where that can change nothing."""
     key = key_of(subject)
     measurement, point = state.measurement_of(key), state.point_of(key[0])
-    if point is None or point.role == "check":
+    if point is None or point.role == "check" or state.is_idle(key):
         return None
     if isinstance(subject, Draft):
         return apply_draft(state, subject).block
@@ -84,12 +85,8 @@ def turn_measurement(state: DeskState, subject: Key | Draft) -> Block | None:
     if measurement is None or unplaced:
         return None
     if key in state.extra.measurements:
-        verdict = verdict_on(state.extra, key, use=False)
-        if isinstance(verdict, JudgeFiducial):
-            left_out = {verdict.photo_id: {verdict.name: MarkChange(use=False)}}
-            return with_changes(state.block, left_out)
-        judges = isinstance(verdict, JudgeTie | JudgePhoto)
-        return judged(state.block, verdict) if judges else None
+        verdict = verdict_on(state.extra, key, use=not _takes_part(state, measurement))
+        return after(verdict) if verdict else None
     status = "rejected" if _takes_part(state, measurement) else "accepted"
     return state.block.with_measurement(replace(measurement, status=status))
 

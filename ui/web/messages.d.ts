@@ -172,6 +172,8 @@ interface Point {
     score: number | null; at: Pair | null;
   }[];
   ahead: [photo: string, version: number, east: number, north: number][];
+  /** Its photo was rejected: no verdict changes anything. */
+  idle: boolean;
   trial: Trial | null;
   history: HistoryItem[];
 }

@@ -11,8 +11,17 @@ import pytest
 from app.desk.loop import ReviewLoop
 from app.desk.messages import Measured, Screen, SeatLeft, SeatTaken
 from core.errors import Cancelled
-from sessions.decisions import Accept, AddPoint, FillMarks, JudgeTie, Place, Reject, SignBlock
-from sessions.replay import judged
+from sessions.decisions import (
+    Accept,
+    AddPoint,
+    FillMarks,
+    JudgeTie,
+    Place,
+    Recorded,
+    Reject,
+    SignBlock,
+)
+from sessions.replay import replay
 from sessions.session import Session
 from tests.ui.desk_block import adjust, desk_inputs, tiny_block, true_photos
 from ui.review.check_gestures import BlockSigned
@@ -477,11 +486,11 @@ def test_a_tie_point_left_out_is_out_and_comes_back__truth(desk: Any):
     photo = block.ties.photo_ids[int(block.ties.photo[0])]
     column, row = (float(value) for value in block.ties.pixels[0])
     verdict = JudgeTie(photo, column, row, use=False)
-    without = judged(block, verdict)
-    assert without is not None
+    without = replay(block, (Recorded(1, "", "anna", verdict),)).block
     assert int(block.ties.point[0]) not in without.ties.point
     assert len(without.ties.point) < len(block.ties.point)
-    assert judged(block, JudgeTie(photo, column + 50, row + 50.3, use=False)) is None
+    elsewhere = Recorded(1, "", "anna", JudgeTie(photo, column + 50, row + 50.3, use=False))
+    assert replay(block, (elsewhere,)).unmatched == (elsewhere,)
     desk.session.record(verdict)
     desk.accept(desk.glass.current())
     desk.settled(2)

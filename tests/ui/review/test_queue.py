@@ -184,8 +184,9 @@ def test_an_accepted_blunder_passes_its_filter_and_heads_the_queue__truth(seed, 
     # One figure for one misfit: what is asked before it is kept, the row, the verdict.
     told, *_ = judge_block(assess_block(report), report)
     assert f"{rows[key].sigmas:.1f}" == told.values["test"]
-    work = TrialWork(DeskState(flown, adjust_block(flown), made=made_with(flown)),
-                     Draft(key, Place(*key, wrong.column, wrong.row, 0.5)))  # fmt: skip
+    before = DeskState(flown, adjust_block(flown), made=made_with(flown))
+    draft = Draft(key, Place(*key, wrong.column, wrong.row, 0.5))
+    work = TrialWork(before, draft, lambda _: flown)
     kept = work.block()
     assert kept is not None
     trial = work.conclude(adjust_block(kept))

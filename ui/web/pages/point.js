@@ -211,7 +211,7 @@ function showWhy({ figures: { remark }, readings, state, why }) {
  * Filled in a moment after the rest: an adjustment with this one measurement turned.
  * @param {Point} point
  */
-function showTrial({ draft, figures, others, role, state, trial }) {
+function showTrial({ draft, figures, idle, key, others, role, state, trial }) {
   byId("neighbours").replaceChildren();
   if (shown.many) return showEffect("trial.effect", [word("trial.many")]);
   if (role === "new") return showCoordinates(figures, others);
@@ -219,6 +219,7 @@ function showTrial({ draft, figures, others, role, state, trial }) {
   const title = draft ? "trial.draft" : !trial || state === "predicted" ? "trial.effect"
     : trial.rejects ? "trial.reject" : "trial.accept";
   if (role === "check") lines.push(word("trial.check"));
+  else if (idle) lines.push(word("trial.idle", { photo: shortName(key[1]) }));
   else if (state === "predicted" && !draft) lines.push(word("trial.measure"));
   else if (!trial) lines.push(word("trial.wait"));
   else {
