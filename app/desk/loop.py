@@ -65,7 +65,6 @@ from ui.review.history import (
     key_of,
     mark_of,
     nothing_notice,
-    take_back_explained,
     touched_by,
     turn_back,
     turn_notice,
@@ -283,7 +282,7 @@ class ReviewLoop:
         outcome = outcome_of(gesture, before, self._seen_by(before))
         seat = outcome.seat
         if outcome.decisions:
-            self._record(outcome.decisions, seat, outcome.act == "amend")
+            self._record(outcome.decisions, seat)
         elif seat.begun or before.begun:
             seat = keep_seat_up(seat, self._seen_by(seat).rows)
         self._now = self._now.with_seat(seat)
@@ -295,10 +294,8 @@ class ReviewLoop:
         if outcome.act:
             self._do(outcome.act, gesture, seat)
 
-    def _record(self, decisions: Sequence[Decision], seat: Seat, amends: bool = False) -> None:
+    def _record(self, decisions: Sequence[Decision], seat: Seat) -> None:
         """Only once it is on disk does anything else happen."""
-        if amends:
-            take_back_explained(self._session, seat, self._of_others(seat), decisions[-1])
         state = self._now.state
         with_it = act_of(decisions, state, self._now.recorded)
         recorded = self._session.record_all(decisions, state.block, seat.operator, with_it)

@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, Literal
 
 from core.adjustment.adjusted import AdjustmentReport
@@ -20,6 +19,7 @@ from sessions.decisions import (
     JudgePhoto,
     JudgeTie,
     Kinds,
+    PhotoDecision,
     Place,
     PlaceFiducial,
     PlacePhoto,
@@ -85,14 +85,19 @@ def history_of(key: Key, recorded: Sequence[Recorded], extra: Extra) -> list[dic
 
 def _explained(recorded: Sequence[Recorded]) -> set[int]:
     """Rejections that were recorded anew with their reason: both together are one."""
+    known = {item.decision_id: item.decision for item in recorded}
     explained: set[int] = set()
-    known = {item.decision_id: item for item in recorded}
-    for back, again in pairwise(recorded):
-        first = (
-            known.get(back.decision.decision_id) if isinstance(back.decision, Withdraw) else None
-        )
-        if first and first.who == again.who and gives_reason(first.decision, again.decision):
-            explained.add(first.decision_id)
+    replaced: dict[tuple[str, ...], int] = {}
+    for item in recorded:
+        back = known.get(item.decision.decision_id) if isinstance(item.decision, Withdraw) else None
+        said = back or item.decision
+        if not isinstance(said, Reject):
+            continue
+        act = item.when, item.who, said.point_id, said.photo_id
+        if isinstance(item.decision, Withdraw):
+            replaced[act] = item.decision.decision_id
+        elif act in replaced:
+            explained.add(replaced[act])
     return explained
 
 
@@ -268,20 +273,21 @@ def turn_notice(act: str, decision: Decision, key: Key | None, count: int) -> No
     return Notice(f"notice.{act}.{name}", {"what": about, **places})
 
 
-def gives_reason(before: Decision, now: Decision) -> bool:
-    """True when a rejection is the reason of the rejection just made."""
-    if not isinstance(before, Reject) or not isinstance(now, Reject):
-        return False
-    return (before.point_id, before.photo_id) == (now.point_id, now.photo_id)
-
-
-def take_back_explained(
-    session: Session, seat: Seat, others: Collection[int], reason: Decision
-) -> None:
-    """Withdraw the rejections just made that a reason belongs to: one act, one undo."""
-    last = last_to_undo(session.decisions(), seat.operator, others=others)
-    if last is not None and gives_reason(last.decision, reason):
-        session.undo(seat.operator, others=others)
+def taken_back_for(
+    reasons: Sequence[Reject], operator: str, recorded: Sequence[Recorded]
+) -> tuple[Withdraw, ...]:
+    """What takes back an operator's rejections, where they stand, to give them their reasons."""
+    last = {
+        (item.decision.point_id, item.decision.photo_id): item
+        for item in standing(recorded)
+        if isinstance(item.decision, PhotoDecision)
+    }
+    found = [last.get((one.point_id, one.photo_id)) for one in reasons]
+    return tuple(
+        Withdraw(item.decision_id)
+        for item in found
+        if item and item.who == operator and isinstance(item.decision, Reject)
+    )
 
 
 def _detail(decision: Decision) -> tuple[str, dict[str, str | int]]:

@@ -60,7 +60,7 @@ from ui.review.gestures import (
     Undone,
     VectorsScaled,
 )
-from ui.review.history import taken_back
+from ui.review.history import taken_back, taken_back_for
 from ui.review.mark_gestures import MarkDropped, MarkGesture, MarkJudged, MarkPlaced
 from ui.review.new_points import begun
 from ui.review.picture import Part
@@ -80,7 +80,7 @@ from ui.review.to_measure import WAITING, by_view
 from ui.review.verdicts import decision_of, refusal, standing_verdict
 
 Act = Literal[
-    "", "amend", "undo", "redo", "remake", "cancel", "fit whole", "fit current",
+    "", "undo", "redo", "remake", "cancel", "fit whole", "fit current",
     "cancel filling", "measure", "fill", "free", "answer",
 ]  # fmt: skip
 """What the loop shall do beyond recording a decision."""
@@ -110,7 +110,7 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
         case Judged() | JudgedTogether():
             return _judge(gesture, seat, desk)
         case Explained():
-            return _explain(gesture, seat)
+            return _explain(gesture, seat, desk)
         case PlacedInScan() | PlacedOnGround() | PeakChosen():
             return _place(gesture, seat, desk)
         case MarkPlaced() | MarkDropped() | MarkJudged() | MaskDrawn() | mosaic.SeamDrawn():
@@ -259,12 +259,14 @@ def _next_open(seat: Seat, desk: DeskSnapshot, done: Sequence[Key] = ()) -> Key 
     return following[0] if following else neighbour(visible(desk.rows, seat), seat, +1)
 
 
-def _explain(gesture: Explained, seat: Seat) -> Outcome:
+def _explain(gesture: Explained, seat: Seat, desk: DeskSnapshot) -> Outcome:
+    """Rejections with their reason, in place of those just made: one act."""
     if not seat.explaining or not 1 <= gesture.digit <= len(REASONS):
         # What was done last, before the page heard of it, has closed the question.
         return Outcome(seat, notice=Notice("notice.no-reason"))
     decided = tuple(Reject(*key, reason=REASONS[gesture.digit - 1]) for key in seat.explaining)
-    return Outcome(replace(seat, explaining=()), decided, "amend")
+    replaced = taken_back_for(decided, seat.operator, desk.recorded)
+    return Outcome(replace(seat, explaining=()), (*replaced, *decided))
 
 
 def _mark(

@@ -10,7 +10,7 @@ import pytest
 
 from app.desk.loop import ReviewLoop
 from app.desk.messages import Measured, Screen, SeatLeft, SeatTaken
-from core.errors import Cancelled
+from core.errors import Cancelled, StorageError
 from sessions.decisions import (
     Accept,
     AddPoint,
@@ -201,6 +201,27 @@ def test_the_reason_replaces_the_rejection_it_explains__law(desk: Any):
     desk.loop.submit(Undone("anna-1"))
     desk.settled(0)
     assert desk.glass.row(first)[3] == "auto"
+
+
+def test_a_reason_is_on_disk_at_once_with_what_it_replaces__law(desk: Any, monkeypatch: Any):
+    """A crash between taking back the rejection and recording it anew lost it."""
+    keys = tuple(tiny_keys(desk)[:2])
+    desk.loop.submit(JudgedTogether("anna-1", keys, "reject"))
+    desk.settled(2)
+    written, append = list[str](), desk.session._store.append
+
+    def append_once(*what: Any) -> Any:
+        if written:
+            raise StorageError(desk.session.folder, "is gone.", "Look for it.")
+        written.append("")
+        return append(*what)
+
+    monkeypatch.setattr(desk.session._store, "append", append_once)
+    desk.loop.submit(Explained("anna-1", 1))
+    desk.loop.submit(AnswerAsked("anna-1", 7))
+    desk.glass.until(lambda glass: glass.parts["anna-1"].get("answered") == 7)
+    known = desk.session.replayed(tiny_block().block).measurements
+    assert [known[key].reason for key in keys] == ["wrong object"] * 2
 
 
 def test_a_reason_finds_its_rejection_whatever_another_decides_between__law(desk: Any):

@@ -27,12 +27,12 @@ from sessions.session import Session
 from tests.ui.desk_block import tiny_snapshot
 from ui.review.history import (
     KEPT,
-    gives_reason,
     history_of,
     key_of,
     record_line,
     shifts_m,
     subject_of,
+    taken_back_for,
     touched_by,
     turn_back,
     turn_notice,
@@ -101,14 +101,18 @@ def test_details_read_as_they_were_decided__truth(decision, detail):
 
 
 def test_a_rejection_and_its_reason_are_one_line__law():
+    """Of rows rejected together each had two: the plain rejection, taken back, and the reason."""
     plain, reason = Reject(*KEY, "other"), Reject(*KEY, "changed")
-    lines = history_of(KEY, said(plain, Withdraw(1), reason), NO_EXTRA)
-    assert [line["detail"][0] for line in lines] == ["reason.2"]
-    between = (*said(plain), *said(Accept("J102", "a"), who="berta"), *said(Withdraw(1), reason))
-    numbered = [replace(item, decision_id=number) for number, item in enumerate(between, start=1)]
-    assert len(history_of(KEY, numbered, NO_EXTRA)) == 1
-    # What was withdrawn and not given a reason stays in sight.
+    others = Reject("J102", "a", "other"), Reject("J102", "a", "changed")
+    together = said(plain, others[0], Withdraw(1), Withdraw(2), reason, others[1])
+    for key in (KEY, ("J102", "a")):
+        lines = history_of(key, together, NO_EXTRA)
+        assert [line["detail"][0] for line in lines] == ["reason.2"]
+    # What was withdrawn and not given a reason at once stays in sight.
     assert len(history_of(KEY, said(plain, Withdraw(1), Accept(*KEY)), NO_EXTRA)) == 2
+    *before, later = said(plain, Withdraw(1), reason)
+    apart = (*before, replace(later, when="2026-01-01T00:01:00"))
+    assert len(history_of(KEY, apart, NO_EXTRA)) == 2
 
 
 def test_the_measurement_a_decision_is_about__truth():
@@ -121,10 +125,13 @@ def test_the_measurement_a_decision_is_about__truth():
     assert subject_of(BringPoints((LISTED,) * 3, "")) == "J101 + 2"
 
 
-def test_a_reason_belongs_to_the_rejection_before_it__law():
-    assert gives_reason(Reject(*KEY, "other"), Reject(*KEY, "hidden"))
-    assert not gives_reason(Reject(*KEY, "other"), Reject("J102", "a", "hidden"))
-    assert not gives_reason(Accept(*KEY), Reject(*KEY, "hidden"))
+def test_a_reason_replaces_the_own_rejection_that_stands__law():
+    plain, reason = Reject(*KEY, "other"), (Reject(*KEY, "hidden"),)
+    other = Reject("J102", "a", "hidden")
+    assert taken_back_for(reason, "anna", said(Accept(*KEY), plain, other)) == (Withdraw(2),)
+    assert taken_back_for(reason, "berta", said(plain)) == ()
+    for recorded in (said(other), said(plain, Withdraw(1)), said(plain, Accept(*KEY))):
+        assert taken_back_for(reason, "anna", recorded) == ()
 
 
 def test_the_first_adjustment_is_kept_for_good__law():

@@ -100,7 +100,6 @@ def test_a_digit_after_a_rejection_gives_its_reason__law(desk, seat):
     rejected = outcome_of(Judged(seat.seat_id, seat.current, "reject"), seat, desk)
     explained = outcome_of(Explained(seat.seat_id, 2), rejected.seat, desk)
     assert explained.decisions == (Reject(*seat.current, reason="changed"),)
-    assert explained.act == "amend"
     assert outcome_of(Explained(seat.seat_id, 2), explained.seat, desk).decisions == ()
 
 
@@ -109,7 +108,7 @@ def test_one_digit_gives_all_that_was_rejected_together_its_reason__law(desk, se
     rejected = outcome_of(JudgedTogether(seat.seat_id, keys, "reject"), seat, desk)
     explained = outcome_of(Explained(seat.seat_id, 2), rejected.seat, desk)
     assert explained.decisions == tuple(Reject(*key, reason="changed") for key in keys)
-    assert (explained.act, explained.seat.explaining) == ("amend", ())
+    assert explained.seat.explaining == ()
     accepted = outcome_of(JudgedTogether(seat.seat_id, keys, "accept"), rejected.seat, desk)
     assert accepted.seat.explaining == ()
 
