@@ -65,7 +65,9 @@ def plan_checks(
 ) -> MadePlan:
     """Draw a plan, as `draw_plan` does, and record it."""
     made = draw_plan(project, session, wish, progress)
-    return replace(made, recorded=session.record(made.plan))
+    recorded = session.record(made.plan)
+    # Its number may be another: somebody else may have drawn one meanwhile.
+    return replace(made, plan=cast("PlanChecks", recorded.decision), recorded=recorded)
 
 
 def draw_plan(

@@ -94,16 +94,43 @@ def new_plan(
         beforehand: Whether no control had been searched.
         decisions: Everything recorded, withdrawn plans included.
     """
-    number = 1 + sum(isinstance(item.decision, PlanChecks) for item in decisions)
+    plan = PlanChecks(tuple(places), cells, seed, source, beforehand, "")
+    return _numbered(plan, 1 + len(_all_plans(decisions)))
+
+
+def with_free_number(plan: PlanChecks, decisions: Sequence[Recorded]) -> PlanChecks:
+    """A plan under the next number where another was recorded under its own since it was drawn."""
+    earlier = _all_plans(decisions)
+    taken = {place.place_id for one in earlier for place in one.places}
+    if taken.isdisjoint(place.place_id for place in plan.places):
+        return plan
+    places = tuple(
+        replace(
+            place,
+            place_id=place.place_id.partition("-")[2],
+            after=place.after.partition("-")[2],
+        )
+        for place in plan.places
+    )
+    return _numbered(replace(plan, places=places), 1 + len(earlier))
+
+
+def _all_plans(decisions: Sequence[Recorded]) -> list[PlanChecks]:
+    """Every plan of a session, withdrawn ones included."""
+    return [item.decision for item in decisions if isinstance(item.decision, PlanChecks)]
+
+
+def _numbered(plan: PlanChecks, number: int) -> PlanChecks:
+    """A plan whose places bear its number, and its digest."""
     named = tuple(
         replace(
             place,
             place_id=f"{number}-{place.place_id}",
             after=place.after and f"{number}-{place.after}",
         )
-        for place in places
+        for place in plan.places
     )
-    plan = PlanChecks(named, cells, seed, source, beforehand, "")
+    plan = replace(plan, places=named)
     return replace(plan, digest=digest_of_plan(plan))
 
 

@@ -17,11 +17,13 @@ from core.geometry.camera import Camera
 from core.mosaic.misfit_places import Misfit
 from core.said import say
 from sessions.atomic_write import clean_leftovers
+from sessions.checks import with_free_number
 from sessions.codec import CodecError, from_json, to_json
 from sessions.decisions import (
     DECISIONS,
     Decision,
     Kinds,
+    PlanChecks,
     Recorded,
     Withdraw,
     changing,
@@ -109,7 +111,7 @@ class Session:
         """Put decisions on the disk, all or none; when this returns, they are there.
 
         What is recorded at once bears one time, which no other record of this session has: it is
-        undone at once.
+        undone at once. A plan of checks drawn at the same time as another has the next number.
 
         Args:
             decisions: What was decided.
@@ -124,10 +126,16 @@ class Session:
         if joined is not None and joined.who == who:
             when = joined.when
         placed = [one if seen is None else with_place(one, seen) for one in decisions]
-        texts = [
-            (type(one).__name__, json.dumps(to_json(one), ensure_ascii=False)) for one in placed
-        ]
-        numbers = self._store.append(when, who, texts)
+        with self._store.writing() as transaction:
+            # Nobody else records meanwhile: a number that is free now stays free.
+            placed = [
+                with_free_number(one, self.decisions()) if isinstance(one, PlanChecks) else one
+                for one in placed
+            ]
+            texts = [
+                (type(one).__name__, json.dumps(to_json(one), ensure_ascii=False)) for one in placed
+            ]
+            numbers = transaction.append(when, who, texts)
         return tuple(
             Recorded(number, when, who, one) for number, one in zip(numbers, placed, strict=True)
         )

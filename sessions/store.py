@@ -133,6 +133,16 @@ class Transaction:
         """Run one statement for each row."""
         self._connection.executemany(sql, rows)
 
+    def append(self, recorded: str, who: str, decisions: Sequence[tuple[str, str]]) -> list[int]:
+        """Decisions behind all others; arguments and result as of `Store.append`."""
+        return [
+            self.execute(
+                "INSERT INTO decisions (recorded, who, kind, decision) VALUES (?, ?, ?, ?)",
+                (recorded, who, kind, decision),
+            )
+            for kind, decision in decisions
+        ]
+
     def query(self, sql: str, values: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
         """All rows of a question."""
         return self._connection.execute(sql, values).fetchall()
@@ -206,13 +216,7 @@ class Store:
             Their numbers.
         """
         with self.writing() as transaction:
-            return [
-                transaction.execute(
-                    "INSERT INTO decisions (recorded, who, kind, decision) VALUES (?, ?, ?, ?)",
-                    (recorded, who, kind, decision),
-                )
-                for kind, decision in decisions
-            ]
+            return transaction.append(recorded, who, decisions)
 
     def rows(self, after: int = 0) -> list[Row]:
         """The decisions recorded after a given one, in order."""

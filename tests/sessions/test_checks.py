@@ -43,10 +43,23 @@ def test_a_later_plan_stands_beside_the_first_under_other_names__law(tmp_path: P
 
 def test_a_plan_that_was_changed_is_seen_by_its_digest__law(tmp_path: Path) -> None:
     with Session.open(tmp_path, "ada") as session:
-        session.record(made := plan(session))
+        made = plan(session)
         session.record(replace(made, places=made.places[1:]))
+        session.record(plan(session))
         plans = standing_plans(session.decisions())
-    assert [one.unchanged for one in plans] == [True, False]
+    assert [one.unchanged for one in plans] == [False, True]
+
+
+def test_plans_drawn_at_the_same_time_have_numbers_of_their_own__law(tmp_path: Path) -> None:
+    """Each knew nothing of the other: a reading of one counted for both."""
+    with Session.open(tmp_path, "ada") as one, Session.open(tmp_path, "bob") as other:
+        drawn = plan(one), plan(other, seed=2)
+        one.record(drawn[0])
+        later = other.record(drawn[1]).decision
+        plans = [item.plan for item in standing_plans(one.decisions())]
+    assert plans == [drawn[0], later]
+    assert [place.place_id for place in later.places] == ["2-01", "2-02"]
+    assert later.digest == digest_of_plan(later)
 
 
 def test_a_plan_without_spares_has_the_digest_that_it_had_before_there_were_any__law() -> None:
