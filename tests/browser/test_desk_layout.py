@@ -335,3 +335,18 @@ def test_lines_drawn_into_the_corner_lay_nothing_over_another__law(sit):
         page.wait_for_function("gruber.parts.scene")
         assert page.evaluate(OVER) == []
         assert page.locator("#tools").bounding_box()["height"] < 40
+
+
+ASKEW = """() => {
+  const side = cell => getComputedStyle(cell).textAlign;
+  return [...document.querySelectorAll("#quality table")].flatMap(({ rows: [head, first] }) =>
+    [...head.cells].filter((cell, column) => first && side(cell) !== side(first.cells[column]))
+      .map(cell => cell.textContent));
+}"""
+
+
+def test_heads_of_block_quality_stand_as_the_cells_below_them__law(sit):
+    page = sit(scene=False)
+    page.keyboard.press("b")
+    page.wait_for_selector("#quality[open] table")
+    assert page.evaluate(ASKEW) == []

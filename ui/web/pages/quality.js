@@ -65,10 +65,10 @@ const part = (name, ...children) => element("section",
   { class: "quality-part", "data-part": name },
   element("h3", {}, word(`quality.${name}`)), ...children);
 
-/** @param {string[]} names @param {Node[]} lines */
+/** Heads stand as the cells below them do. @param {string[]} names @param {Element[]} lines */
 function table(names, lines) {
-  const heads = names.map((name) => element("th",
-    { title: tip(`quality.${name}`) }, word(`quality.${name}`)));
+  const heads = names.map((name, column) => element("th", { title: tip(`quality.${name}`),
+    class: lines[0]?.children[column]?.className ?? "" }, word(`quality.${name}`)));
   return element("table", {}, element("tr", {}, ...heads), ...lines);
 }
 
