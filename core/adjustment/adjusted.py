@@ -12,6 +12,9 @@ from core.block import Block, Measurement, Status
 from core.doubts import Doubt
 from core.said import say
 
+OUT = say("The photo takes no part in the adjustment.")
+"""Why what is measured in such a photo is not used."""
+
 
 @dataclass(frozen=True, slots=True)
 class AdjustmentOptions:
@@ -243,7 +246,7 @@ class AdjustmentReport:
         reason = self.rejected.get(measurement.key, "")
         photo = self.block.photos.get(measurement.photo_id)
         if photo is None or not photo.oriented:
-            reason = say("The photo takes no part in the adjustment.")
+            reason = OUT
         if measurement.used and reason:
             return "unused", reason
         return measurement.status, measurement.reason

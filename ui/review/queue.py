@@ -171,7 +171,8 @@ def changed_keys(before: DeskState, after: DeskState) -> set[Key] | None:
         if (known := one.surveyed.get(name)) is not point
         and (known is None or known.role != point.role)
     }
-    return changed | {key for key in other.measurements if turned and key[0] in turned}
+    photos = {photo_id for name, photo_id in changed if after.extra.kinds.get(name) == "photo"}
+    return changed | {key for key in other.measurements if key[0] in turned or key[1] in photos}
 
 
 def _differing(one: Mapping[Key, object], other: Mapping[Key, object]) -> set[Key]:
@@ -404,7 +405,7 @@ def _row(state: DeskState, measurement: Measurement, figures: QueueFigures) -> R
     human = measurement.status in ("accepted", "rejected", "dubious")
     if misfit and not math.isnan(disputed):
         gain = misfit.ratio / (1 + misfit.ratio)
-    elif human:
+    elif human or state.is_idle(measurement.key):
         gain = 0.0
     elif shown == "unused":
         # What the block nearly agrees with is the likeliest to be taken in after all.

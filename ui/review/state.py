@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from core.adjustment.adjusted import AdjustmentReport
+from core.adjustment.adjusted import OUT, AdjustmentReport
 from core.adjustment.expected_gain import Gain
 from core.block import Block, Measurement, Photo, SurveyedPoint
 from core.control.prediction import Covariances, JointErrors, Prediction
@@ -434,7 +434,7 @@ class DeskState:
         return known or self.extra.points.get(name)
 
     def shown_state(self, measurement: Measurement) -> ShownState:
-        """The state on screen: what the adjustment left out by itself shows as unused."""
+        """The state on screen: what was left out with its photo, or by itself, shows as unused."""
         if self.is_waiting(measurement.key):
             proposed = measurement.key in self.to_measure.proposals
             return "proposed" if proposed else "predicted"
@@ -444,6 +444,8 @@ class DeskState:
 
     def left_out(self, key: Key) -> str:
         """Why the adjustment did not use a measurement it might have used; empty when it did."""
+        if self.is_idle(key):
+            return OUT
         judged = self.report.block.measurements.get(key)
         if judged is not None and judged.status == "unused":
             return judged.reason or "left out"
@@ -451,6 +453,8 @@ class DeskState:
 
     def remark(self, measurement: Measurement) -> str:
         """Why a measurement is not used, or who placed it, in words."""
+        if measurement.used and self.is_idle(measurement.key):
+            return OUT
         left_out = self.left_out(measurement.key) if measurement.status == "auto" else ""
         return measurement.reason or left_out
 

@@ -28,7 +28,7 @@ from ui.review.queue import (
     with_filter,
 )
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import POINT_KINDS, DeskState, Draft, QueueFilter, Seat, Sorting
+from ui.review.state import POINT_KINDS, DeskState, Draft, Extra, QueueFilter, Seat, Sorting
 from ui.review.trial import TrialWork
 
 
@@ -88,6 +88,19 @@ def test_a_decision_changes_its_row_only_as_if_all_were_made_anew__law(desk, sea
     changed = [old is not new for old, new in zip(desk.table.lines, quick.lines, strict=True)]
     assert sum(changed) == 1
     assert quick.rows[seat.current].human
+
+
+def test_a_rejected_photo_changes_the_rows_of_what_is_measured_in_it__law(desk, seat):
+    key = next(one for one, row in desk.rows.items() if row.state == "auto" and row.gain > 0)
+    name, item = f"photo {key[1]}", desk.state.block.measurements[key]
+    point, photo = desk.state.block.surveyed[key[0]], replace(item, point_id=name)
+    doubtful = Extra({name: point}, {photo.key: photo}, {name: "photo"})
+    before = replace(desk.state, extra=doubtful)
+    rejected = {photo.key: replace(photo, status="rejected")}
+    after = replace(before, extra=replace(doubtful, measurements=rejected))
+    quick, whole = desk.table.renewed(before).with_changes(before, after), desk.table.renewed(after)
+    assert quick.lines == whole.lines
+    assert (quick.rows[key].state, quick.rows[key].gain) == ("unused", 0.0)
 
 
 def test_rows_that_went_are_gone__law(desk):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from core.adjustment.adjusted import OUT
 from sessions.checks import results_digest
 from tests.ui.desk_block import tiny_snapshot
 from ui.review.state import DeskState, Extra
@@ -31,6 +32,17 @@ def test_what_a_person_decided_stands_against_the_adjustment__law(state):
     judged = replace(state, report=replace(state.report, rejected={item.key: "gross error"}))
     assert judged.shown_state(item) == "accepted"
     assert judged.remark(item) == ""
+
+
+def test_what_is_measured_in_a_rejected_photo_is_unused_and_says_so__law(state):
+    """It stood as in use, and waited to be looked at."""
+    item = one_used(state)
+    name = f"photo {item.photo_id}"
+    photo = replace(item, point_id=name, status="rejected")
+    out = replace(state, extra=Extra(measurements={photo.key: photo}, kinds={name: "photo"}))
+    accepted, rejected = (replace(item, status=one, reason="") for one in ("accepted", "rejected"))
+    assert [out.shown_state(one) for one in (item, accepted)] == ["unused", "accepted"]
+    assert [out.remark(one) for one in (item, accepted, rejected)] == [OUT, OUT, ""]
 
 
 def test_the_oriented_block_has_the_new_orientations_and_the_old_measurements__law(state):
