@@ -18,6 +18,7 @@ from app.new_block import CAMERA, Recognition, toml_of
 from app.project import Project, may_have_points, project_of
 from core.errors import PhotogrammetryError, ProjectError
 from core.said import say
+from sessions.atomic_write import whole_file
 
 FILES = ("file", "files", "rasters")
 
@@ -111,6 +112,55 @@ class BlockForm:
             tuple(path for found in files.values() for path in found),
             files.get("scans.files", ()),
         )
+
+    def save(
+        self,
+        values: Mapping[str, Any],
+        recognition: Recognition,
+        seen: Mapping[str, Any] | None,
+    ) -> Judged:
+        """Write the file unless something filled in cannot be used; arguments as of both below.
+
+        Raises:
+            ProjectError: As both below.
+            StorageError: The disk is full.
+        """
+        self._hold(values, recognition, seen or {})
+        found = self.judged(values, recognition, seen)
+        if not found.errors:
+            with whole_file(self.file) as temporary:
+                temporary.write_text(found.text, encoding="utf-8")
+        return found
+
+    def _hold(
+        self, values: Mapping[str, Any], recognition: Recognition, seen: Mapping[str, Any]
+    ) -> None:
+        """Hold up fields that somebody else has saved since they were shown.
+
+        Args:
+            values: Every field, as it stands on the page.
+            recognition: What the folder proposes: it is nobody's.
+            seen: What the file had of the fields that a hand has changed; None where it had none.
+
+        Raises:
+            ProjectError: The file has something else by now, and the page yet another thing.
+        """
+        if not self.file.is_file():
+            return
+        now, proposed = Document(self.file).values, tomllib.loads(toml_of(recognition))
+        others: list[str] = []
+        for name, old in seen.items():
+            table, _, key = name.rpartition(".")
+            value = _value_in(now, table, key)
+            was_empty = old is None and value == _proposal(proposed, table, key)
+            if value not in (old, values.get(name)) and not was_empty:
+                others.append(f"[{table}] {key}")
+        if others:
+            raise ProjectError(
+                self.file,
+                say("has been saved with another {fields} meanwhile.", fields=", ".join(others)),
+                "Look at what it has now; save once more to replace that.",
+            )
 
     def judged(
         self,

@@ -191,7 +191,8 @@ class Starting:
     def judge(self, values: Mapping[str, Any], written: Fields = None) -> dict[str, Any]:
         """What is wrong and what is doubtful of the form as it stands, and what it makes again.
 
-        Nothing is written. `written` are the fields that a hand has changed, by default all.
+        Nothing is written. `written` are the fields that a hand has changed, with what the file
+        had of them; by default all.
         """
         judged = self.form.judged(values, self._recognition(), written)
         with self._lock:
@@ -202,12 +203,12 @@ class Starting:
         """Write `block.toml` unless something filled in cannot be used; `written` as for `judge`.
 
         Raises:
-            PhotogrammetryError: The disk is full, or the file is written in a way of its own.
+            PhotogrammetryError: The disk is full, the file is written in a way of its own, or one
+                of the fields was saved by somebody else since.
         """
-        judged = self.form.judged(values, self._recognition(), written)
-        if not judged.errors:
-            with whole_file(self.form.file) as temporary:
-                temporary.write_text(judged.text, encoding="utf-8")
+        recognition = self._recognition()
+        with self._lock:
+            judged = self.form.save(values, recognition, written)
         return {**judged.part(), "saved": not judged.errors}
 
     def receive(self, name: str, size: int) -> AbstractContextManager[Path]:

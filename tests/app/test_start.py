@@ -17,7 +17,7 @@ from app.project import read_project
 from app.start import Starting, block_told, blocks_in, wants_start
 from app.verbs.review import Visit
 from core.doubts import Failure
-from core.errors import PhotogrammetryError, StorageError
+from core.errors import PhotogrammetryError, ProjectError, StorageError
 from sessions.checks import judged_parts, version_on_disk
 from sessions.decisions import DrawMask, PlacePhoto, ReadCheck, Remark, SignBlock
 from sessions.session import FILE as SESSION_FILE
@@ -394,17 +394,37 @@ def test_a_session_that_cannot_be_opened_leaves_the_form_and_says_why__law(tiny_
         session.write_bytes(kept)
 
 
+def test_a_field_that_another_saved_meanwhile_is_not_replaced_unseen__law(data: Path) -> None:
+    """The later of two start pages won, and nobody was told."""
+    starting = Starting(data)
+    seen: dict[str, object] = {DISTANCE: None}
+    # What the folder proposed was written by nobody.
+    for distance in (211.59, 153.0):
+        starting.save(values_of(starting) | {DISTANCE: distance}, seen)
+        seen = {DISTANCE: distance}
+    known, name = values_of(starting), "block.name"
+    late = known | {DISTANCE: 180.0, name: "late"}
+    with pytest.raises(ProjectError, match="principal_distance_mm"):
+        starting.save(late, {DISTANCE: 211.59, name: known[name]})
+    assert values_of(starting) == known
+    assert starting.save(late | {DISTANCE: 153.0}, {DISTANCE: 211.59})["saved"], "the same is none"
+    assert starting.save(late, {DISTANCE: 153.0})["saved"]
+    assert values_of(starting)[DISTANCE] == 180.0
+
+
 def test_who_saves_changes_what_he_wrote_and_nothing_that_another_wrote_meanwhile__law(
     data: Path,
 ) -> None:
     """The whole form went back, as it was when the page was opened."""
     starting = Starting(data)
     pixel, name = "scans.scan_pixel_um", "block.name"
-    assert starting.save(values_of(starting) | {DISTANCE: 211.59, pixel: 20.0}, [DISTANCE, pixel])
+    assert starting.save(
+        values_of(starting) | {DISTANCE: 211.59, pixel: 20.0}, {DISTANCE: None, pixel: None}
+    )
     mine = values_of(starting)
     assert mine["reference.ortho_sigma_m"] is not None
-    starting.save(mine | {DISTANCE: 153.0}, [DISTANCE])
-    starting.save(mine | {pixel: 15.0, name: None}, [pixel])
+    starting.save(mine | {DISTANCE: 153.0}, {DISTANCE: 211.59})
+    starting.save(mine | {pixel: 15.0, name: None}, {pixel: 20.0})
     now = values_of(starting)
     assert (now[DISTANCE], now[pixel], now[name]) == (153.0, 15.0, mine[name])
     # What the folder proposes is written with the rest, unless it was emptied by hand.
@@ -414,7 +434,7 @@ def test_who_saves_changes_what_he_wrote_and_nothing_that_another_wrote_meanwhil
     assert len(sigmas) == 2
     file.write_text("\n".join(line for line in lines if line not in sigmas), encoding="utf-8")
     proposed = values_of(starting)
-    starting.save(proposed | {"reference.dem_sigma_m": None}, ["reference.dem_sigma_m"])
+    starting.save(proposed | {"reference.dem_sigma_m": None}, {"reference.dem_sigma_m": None})
     text = file.read_text(encoding="utf-8")
     assert "\northo_sigma_m" in text
     assert "\ndem_sigma_m" not in text

@@ -215,6 +215,17 @@ def test_two_pages_save_what_was_written_in_each__law(chromium, tiny_block, tmp_
         other.wait_for_function("!document.querySelector('[data-act=\"start.discard\"]')")
         one.click('[data-act="start.save"]')
         one.wait_for_function(f"document.querySelector('{distance}').value === '211.59'")
+        # The same field of both: the second is told, and sees what the file has now.
+        one.fill(distance, "212")
+        one.click('[data-act="start.save"]')
+        one.wait_for_function("!document.querySelector('[data-act=\"start.discard\"]')")
+        other.fill(distance, "213")
+        other.click('[data-act="start.save"]')
+        other.wait_for_selector(".notice.grave:has-text('principal_distance_mm')")
+        other.wait_for_selector(f".field:has({distance}) small:has-text('212')")
+        assert other.input_value(distance) == "213"
+        other.click('[data-act="start.save"]')
+        other.wait_for_function("!document.querySelector('[data-act=\"start.discard\"]')")
         told = {"status": 409, "json": {"error": "The list is broken."}}
         one.route("**/found", lambda route: route.fulfill(**told))
         one.reload()

@@ -1,7 +1,7 @@
 """Addresses of the start page: the folder's content, uploads, the form, and the run."""
 
 import asyncio
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,8 +14,8 @@ from ui.web.running import Runner, error_message, fresh_json, json_of, operators
 CHUNK_BYTES = 1 << 20
 """An upload goes to the disk in pieces of this size."""
 MOST_FIELDS = 300
-Fields = Collection[str] | None
-"""Names of fields; None for all."""
+Fields = Mapping[str, Any] | None
+"""What the file had of each field, as the page showed it; None for all fields."""
 
 
 class Starter(Runner, Protocol):
@@ -104,8 +104,8 @@ def _with_form(act: Callable[[Mapping[str, Any], Fields], dict[str, Any]]) -> An
         values, written = asked.get("values"), asked.get("written")
         if not isinstance(values, dict) or len(values) > MOST_FIELDS:
             raise web.HTTPBadRequest(text="The values of the form are expected.")
-        if not isinstance(written, list | None):
-            raise web.HTTPBadRequest(text="The names of fields are expected.")
+        if not isinstance(written, dict | None):
+            raise web.HTTPBadRequest(text="Fields with what the file had of them are expected.")
         return await _aside(lambda: act(values, written))
 
     return answer

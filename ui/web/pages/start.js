@@ -3,8 +3,8 @@ import { again, all, byId, element, fillWords, first, number, renew, start, word
   from "./words.js";
 import { beginRun, cancelButton, isRunning, lookAgain, post, runLines, runNow, settle, tell,
   watchRun } from "./run.js";
-import { dropWritten, fillFields, formShown, formValues, formWritten, goToField, recallWritten,
-  showForm } from "./start_form.js";
+import { dropWritten, fillFields, formSeen, formShown, formValues, formWritten, goToField,
+  recallWritten, showForm } from "./start_form.js";
 import { drawMap, setUpFilm, showScans } from "./start_film.js";
 import { afterPause } from "./view.js";
 import { nextTheme, setUpTheme } from "./theme.js";
@@ -290,7 +290,7 @@ function changed() {
 
 const judgeSoon = afterPause(async () => {
   const values = formValues();
-  const answer = await post("/form/judge", { values, written: Object.keys(formWritten()) });
+  const answer = await post("/form/judge", { values, written: formSeen() });
   // What was written meanwhile is judged next.
   if (JSON.stringify(values) !== JSON.stringify(formValues())) return;
   state.checking = false;
@@ -348,9 +348,11 @@ function showGo(judged) {
 
 async function save() {
   const written = formWritten();
-  const answer = await post("/form", { values: formValues(), written: Object.keys(written) });
+  const answer = await post("/form", { values: formValues(), written: formSeen() });
   if (!answer.ok) {
     tell(answer.error, true, "/form");
+    // Another page may have saved: what the file has now stands at the field.
+    await load();
     return false;
   }
   fillFields(answer);

@@ -49,6 +49,12 @@ export function recallWritten(folder) {
 /** What a hand has written and nobody has saved. */
 export const formWritten = () => ({ ...state.written });
 
+/** What the file had of each of these when it was shown; nothing where it had none. */
+export const formSeen = () => Object.fromEntries(Object.keys(state.written).map((name) => {
+  const field = state.shown.find((one) => one.name === name)?.field;
+  return [name, field?.known ? field.value : null];
+}));
+
 /** What was written is in the file now, or no longer wanted. @param {Record<string, string>} old */
 export function dropWritten(old) {
   for (const [name, text] of Object.entries(old)) {
@@ -100,8 +106,10 @@ function fieldPart(table, field, changed) {
   const proposed = !field.known && field.value !== null && state.written[name] === undefined;
   const why = proposed && field.why ? element("small", {},
     word(`form.why.${field.why[0]}`, { size: field.why[1] })) : null;
-  const room = element("div", { class: `field${proposed ? " proposed" : ""}` }, label, input, why,
-    element("span", { class: "wrong", id: `${id}-wrong` }));
+  const other = field.known && text !== textOf(field.value) ? element("small", { class: "file" },
+    word("form.file", { value: textOf(field.value) })) : null;
+  const room = element("div", { class: `field${proposed ? " proposed" : ""}` }, label, input,
+    why, other, element("span", { class: "wrong", id: `${id}-wrong` }));
   input.setAttribute("aria-describedby", `${id}-wrong`);
   input.addEventListener("input", () => {
     // What the file has anyway is not written again: it may have something newer by then.
