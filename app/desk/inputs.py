@@ -61,6 +61,7 @@ from ui.review.state import (
     Evidence,
     InitialState,
     Made,
+    Seat,
 )
 from ui.review.tiles import OrthoSource, ScanWindow
 from ui.review.to_measure import points_of_user
@@ -162,6 +163,8 @@ class DeskInputs:
     """Runs the block from the desk."""
     looking: bool = False
     """The block's folder may not be written: nothing can be decided."""
+    left: tuple[Seat, ...] = ()
+    """Seats with drafts that the desk before this one left."""
 
     def mosaic_version(self) -> str:
         """What the mosaic on disk was made of; empty where there is none."""

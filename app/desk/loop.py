@@ -59,7 +59,7 @@ from sessions.decisions import (
 )
 from ui.review.compare import stale_photos, with_made
 from ui.review.doubtful import extra_of
-from ui.review.drafts import with_measured
+from ui.review.drafts import left_seats, with_left, with_measured
 from ui.review.gestures import AnswerAsked, Freed, Gesture
 from ui.review.history import (
     key_of,
@@ -125,11 +125,19 @@ class ReviewLoop:
             adjustments=with_adjustment((), state.report, state),
         )
         self._replay()
+        for left in self._inputs.left:
+            seat = with_left(self._seat(left.seat_id), left, self._now.rows, self._now.drawn)
+            self._now = self._now.with_seat(keep_seat_up(seat, self._seen_by(seat).rows))
         self._worker.start()
         if self._now.state.decided:
             self._change_state(adjusting=True)
             self._adjust()
         self._thread.start()
+
+    @property
+    def left(self) -> tuple[Seat, ...]:
+        """Seats with drafts, for the desk after this one."""
+        return left_seats(self._now.seats.values(), self._now.state.block)
 
     def submit(self, event: Event) -> None:
         """Hand in an event, from any thread."""

@@ -15,6 +15,7 @@ from app.terminal import Voice
 from core.said import say
 from sessions.disk import may_be_written
 from sessions.session import FILE, HIDDEN, Session
+from ui.review.state import Seat
 from ui.web.front import Opened
 
 
@@ -67,8 +68,12 @@ class Visit:
                 self.block = folder
                 return
 
-    def through_desk(self) -> bool:
-        """The desk, or the placing page before it; True when settings are asked for there."""
+    def through_desk(self, left: tuple[Seat, ...] = ()) -> bool:
+        """The desk, or the placing page before it; True when settings are asked for there.
+
+        Args:
+            left: Seats with drafts that the desk before a run left.
+        """
         given, project = self.given, read_project(self.block)
         folder = project.folder
         looking = not may_be_written(folder, folder / HIDDEN, folder / FILE)
@@ -81,7 +86,7 @@ class Visit:
             inputs = desk_inputs(project, session, given.operator, given.host, self.port)
             token = self.token or inputs.token
             with open_desk(
-                replace(inputs, language=given.language, token=token, looking=looking)
+                replace(inputs, language=given.language, token=token, looking=looking, left=left)
             ) as desk:
                 opened_at = "The desk is open at {url}  (Ctrl-C closes it; nothing is lost)"
                 self.shown(desk, say(opened_at, url=desk.url))
@@ -90,7 +95,7 @@ class Visit:
                 )
                 settings = self._left(desk, desk.wait())
                 ran = desk.ran
-        return self.through_desk() if ran else settings
+        return self.through_desk(desk.loop.left) if ran else settings
 
     def through_placing(self, project: Project, session: Session) -> bool:
         """Let a block that does not stand be placed by clicks; False when settings come first."""

@@ -4,6 +4,7 @@ import argparse
 import errno
 import os
 import shutil
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -19,11 +20,12 @@ from app.verbs.review import Visit
 from core.doubts import Failure
 from core.errors import PhotogrammetryError, ProjectError, StorageError
 from sessions.checks import judged_parts, version_on_disk
-from sessions.decisions import DrawMask, PlacePhoto, ReadCheck, Remark, SignBlock
+from sessions.decisions import DrawMask, PlaceFiducial, PlacePhoto, ReadCheck, Remark, SignBlock
 from sessions.session import FILE as SESSION_FILE
 from sessions.session import Session
 from tests.core.scans.test_margin import scan_with_print
 from tests.tiny import Tiny
+from ui.review.state import Seat
 from ui.words.catalogue import Teller
 
 DISTANCE = "camera.film.principal_distance_mm"
@@ -544,6 +546,31 @@ def test_a_block_in_a_read_only_folder_is_opened_for_looking__law(
     assert opened[0].looking
     assert "nothing can be decided" in said[0]
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+
+
+def test_after_a_run_the_desk_opens_with_the_drafts_it_left__law(
+    tiny_run: Tiny, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "block"
+    shutil.copytree(tiny_run.folder, folder)
+    opened: list[Any] = []
+    left = (Seat("seat-1", "ada", marks=(PlaceFiducial("a", "1", 2.0, 3.0),)),)
+    page = SimpleNamespace(port=0, token="", url="", guest_url="", wait=lambda: False, ran=True,
+                           leaving=SimpleNamespace(told={"who": ""}),
+                           loop=SimpleNamespace(left=left))  # fmt: skip
+
+    def open_once(inputs: Any) -> Any:
+        opened.append(inputs)
+        if len(opened) > 1:
+            raise KeyboardInterrupt
+        return nullcontext(page)
+
+    monkeypatch.setattr("app.verbs.review.open_desk", open_once)
+    given = argparse.Namespace(block=folder, port=0, no_browser=True, operator="ada",
+                               host="127.0.0.1", language="")  # fmt: skip
+    with pytest.raises(KeyboardInterrupt):
+        Visit(given, cast("Any", SimpleNamespace(say=lambda _: None))).through_desk()
+    assert [inputs.left for inputs in opened] == [(), left]
 
 
 def test_a_block_named_by_its_file_is_opened_as_by_its_folder__law(

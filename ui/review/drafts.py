@@ -1,14 +1,16 @@
 """Drafts: where a draft lies in block or scan, and whether to ask before it is kept."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from core.block import Measurement
+from core.block import Block, Measurement
 from core.geometry.interior import InteriorOrientation
 from core.scans.fiducials import HAND_SIGMA_PX
 from sessions.decisions import (
+    Accept,
+    ChoosePeak,
     MarkDubious,
     MarkNotVisible,
     PhotoDecision,
@@ -18,7 +20,7 @@ from sessions.decisions import (
     Reject,
     standing,
 )
-from sessions.replay import replay
+from sessions.replay import replay, with_place
 from sessions.scan_decisions import mark_changes, with_changes
 from ui.review.misfit import Misfit, misfits
 from ui.review.state import DeskState, Draft, InitialState, Key, Seat
@@ -122,6 +124,39 @@ def with_measured(
         return seat.with_mark(measured) if same else None
     draft = Draft((measured.point_id, measured.photo_id), measured)
     return seat.with_draft(draft) if seat.draft_of(draft.key) == since else None
+
+
+def left_seats(seats: Iterable[Seat], block: Block) -> tuple[Seat, ...]:
+    """Seats with drafts, as a desk leaves them to the next: each draft at its place there."""
+    return tuple(
+        replace(seat, drafts=tuple(_at_its_place(draft, block) for draft in seat.drafts))
+        for seat in seats
+        if seat.drafts or seat.marks
+    )
+
+
+def _at_its_place(draft: Draft, block: Block) -> Draft:
+    decision = with_place(draft.decision, block)
+    assert isinstance(decision, Place | ChoosePeak | Accept), "the same decision, with its place"
+    return replace(draft, decision=decision)
+
+
+def with_left(seat: Seat, left: Seat, rows: Collection[Key], photos: Collection[str]) -> Seat:
+    """The seat with what the desk before left it, where what it is about is here too.
+
+    Args:
+        seat: Who sits here.
+        left: The same seat, as it was left.
+        rows: All measurements here.
+        photos: All photos here.
+    """
+    drafts = tuple(
+        draft
+        for draft in left.drafts
+        if draft.key in rows or (draft.begins and draft.key[1] in photos)
+    )
+    marks = tuple(mark for mark in left.marks if mark.photo_id in photos)
+    return replace(seat, operator=left.operator, drafts=drafts, marks=marks)
 
 
 def by_hand(measurement: Measurement) -> bool:

@@ -135,7 +135,7 @@ class Draft:
     """A place for a measurement that nobody has decided yet: it becomes a decision or is dropped.
 
     Where the point lies by hand, by refinement or on another peak, scan pixels. Drafts live as long
-    as the desk runs, and are not in the session.
+    as the program runs, and are not in the session.
     """
 
     key: Key

@@ -288,6 +288,32 @@ def test_what_enter_refined_is_a_draft_until_it_is_kept__law(desk: Any):
     assert desk.session.decisions() == ()
 
 
+def test_drafts_are_there_when_the_desk_is_opened_anew__law(tmp_path: Any):
+    """A run that opened it on new results lost them."""
+    desk = Opened(tmp_path)
+    desk.sit("berta-1")
+    first, second = tiny_keys(desk)[:2]
+    desk.loop.submit(Named("anna-1", "ada"))
+    for key in (first, ("", first[1])):
+        desk.loop.submit(PlacedInScan("anna-1", key, 500.0, 400.0))
+    desk.loop.submit(PlacedInScan("berta-1", second, 300.0, 200.0))
+    desk.glass.until(lambda glass: glass.status("berta-1")["drafts"] == 1)
+    desk.close()
+    again = Opened(tmp_path, left=desk.loop.left)
+    try:
+        again.sit("berta-1")
+        assert [again.glass.status(one)["drafts"] for one in ("anna-1", "berta-1")] == [2, 1]
+        rows = [tuple(row[:2]) for row in again.glass.parts["anna-1"]["rows"]]
+        drafted = [rows[place] for place in again.glass.parts["anna-1"]["queue"]["drafts"]]
+        assert drafted == [first, ("N001", first[1])]
+        again.accept(first)
+        again.settled(1)
+        assert again.session.decisions()[0].decision == Place(*first, 500.0, 400.0)
+        assert again.session.decisions()[0].who == "ada"
+    finally:
+        again.close()
+
+
 def test_two_seats_see_each_other_but_keep_their_places__law(desk: Any):
     desk.sit("berta-1")
     there = desk.glass.current("berta-1")

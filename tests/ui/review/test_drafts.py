@@ -5,9 +5,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sessions.decisions import ChoosePeak, Place, Recorded, Reject, Withdraw
+from sessions.decisions import (
+    AddPoint,
+    ChoosePeak,
+    Place,
+    PlaceFiducial,
+    Recorded,
+    Reject,
+    Withdraw,
+)
 from tests.ui.desk_block import tiny_block, tiny_snapshot
-from ui.review.drafts import ASKING_SIGMA, apply_draft, by_hand, draft_ratio, is_to_be_asked
+from ui.review.drafts import (
+    ASKING_SIGMA,
+    apply_draft,
+    by_hand,
+    draft_ratio,
+    is_to_be_asked,
+    left_seats,
+    with_left,
+)
 from ui.review.state import DeskState, Draft, Seat
 
 
@@ -55,3 +71,21 @@ def test_a_place_by_hand_has_no_score_but_a_peak_and_a_refined_one_have__truth(s
     assert drafted[refined].score == measured.score
     assert drafted[peak].column == measured.peaks[1].column
     assert state.block.measurements[key] is measured
+
+
+def test_what_a_desk_leaves_keeps_its_place_whatever_the_next_one_finds__law(state):
+    key, measured = next((k, m) for k, m in state.block.measurements.items() if len(m.peaks) > 1)
+    new, gone = ("N001", key[1]), ("J1", "none")
+    begins = AddPoint("N001", 0.0, 0.0, 0.0, (1.0, 1.0, 1.0), ())
+    drafts = Draft(key, ChoosePeak(*key, 1)), Draft(new, Place(*new, 1.0, 2.0), begins)
+    marks = PlaceFiducial(key[1], "1", 3.0, 4.0), PlaceFiducial("none", "1", 3.0, 4.0)
+    asked = Seat(
+        "seat-1", "anna", drafts=(*drafts, Draft(gone, Place(*gone, 1.0, 2.0))), marks=marks
+    )
+    (left,) = left_seats((Seat("seat-2", "berta"), asked), state.block)
+    seat = with_left(Seat("seat-1", "operator"), left, {key}, {key[1]})
+    assert (seat.operator, seat.marks) == ("anna", marks[:1])
+    assert [draft.key for draft in seat.drafts] == [key, new]
+    turned = replace(measured, peaks=tuple(reversed(measured.peaks)))
+    there = apply_draft(replace(state, block=state.block.with_measurement(turned)), seat.drafts[0])
+    assert there.block.measurements[key].column == measured.peaks[1].column
