@@ -1,8 +1,9 @@
 """Find the exposed picture in a scan, and the side on which the camera wrote.
 
 The border is searched as four straight steps of grey, at right angles and as far apart as the
-camera's frame is wide. A side that cannot be seen (dark ground against dark film, or cut off by the
-scanner) is derived from the others and the frame.
+camera's frame is wide, from the picture onto the film's rim: all up or all down. The edge of the
+film steps the other way, from the rim onto the scanner's bed. A side that cannot be seen (dark
+ground against dark film, or cut off by the scanner) is derived from the others and the frame.
 """
 
 from dataclasses import dataclass
@@ -53,6 +54,8 @@ LEAST_SCORE = (
 """Mean vote of the strips (0 to 1) from which a side counts as seen."""
 REACH = 0.15  # design: a frame that is cut off by more cannot be used
 """Share of the frame that one of its sides may lie outside the scan."""
+RIMS = (1, -1)  # source: a rim of unexposed film is clear, or black in prints
+"""Brighter than the picture on all sides, or darker on all."""
 PREFERRED = 0.02  # design: less than one of 48 votes: it decides between equals only
 """What nominal size and the middle of the scan count at most, in votes."""
 # design: clocks, levels and counters lie so far beyond the frame; nearer are soft edges and
@@ -89,8 +92,7 @@ class FilmArea:
     @property
     def trusted(self) -> bool:
         """True when position and rotation of the frame were seen in both directions."""
-        across = {"left", "right"} & set(self.seen)
-        return bool(across) and bool({"top", "bottom"} & set(self.seen)) and len(self.seen) >= 3
+        return _trusted(self.seen)
 
     @property
     def turn(self) -> float:
@@ -102,6 +104,10 @@ class FilmArea:
     def centre(self) -> PixelPoints:
         """Middle of the picture, (1, 2) pixels."""
         return self.corners.mean(axis=0, keepdims=True)
+
+
+def _trusted(seen: tuple[Side, ...]) -> bool:
+    return len(seen) >= 3
 
 
 def detect_film_area(
@@ -178,20 +184,18 @@ def _area_in(
             ((row - window[1]) / reduction, reach / reduction),
         ]
     across, down = _votes(gray), _votes(gray.T)
-    best: tuple[float, _Pair, _Pair, float] | None = None
+    best: dict[int, _Rectangle] = {}
     for turn in np.tan(np.radians(np.linspace(-MOST_TURN_DEG, MOST_TURN_DEG, TURNS))):
-        columns = _best_pair(_along(across, turn, gray.shape[0]), float(frame[0]), near[0])
-        rows = _best_pair(_along(down, -turn, gray.shape[1]), float(frame[1]), near[1])
-        if best is None or columns.total + rows.total > best[0]:
-            best = (columns.total + rows.total, columns, rows, float(turn))
-    assert best is not None
-    _, columns, rows, turn = best
-    corners = _corners(columns, rows, turn, gray.shape) * reduction + np.array(window[:2])
-    scores = np.array([*columns.scores, *rows.scores])
-    seen: tuple[Side, ...] = tuple(
-        side for side, score in zip(SIDES, scores, strict=True) if score >= LEAST_SCORE
-    )
-    return FilmArea(corners, seen, scores)
+        steps = _along(across, turn, gray.shape[0]), _along(down, -turn, gray.shape[1])
+        for rim in RIMS:
+            columns = _best_pair(rim * steps[0], float(frame[0]), near[0])
+            rows = _best_pair(rim * steps[1], float(frame[1]), near[1])
+            found = _Rectangle(columns, rows, float(turn))
+            if rim not in best or found.total > best[rim].total:
+                best[rim] = found
+    likely = max(best.values(), key=lambda found: found.likely)
+    corners = _corners(likely, gray.shape) * reduction + np.array(window[:2])
+    return FilmArea(corners, likely.seen, likely.scores)
 
 
 def check_not_blank(scan: ScanFile, area: FilmArea) -> None:
@@ -254,7 +258,7 @@ def _votes(gray: np.ndarray) -> Matrix:
 
 
 def _along(votes: Matrix, slope: float, length: int) -> Scalars:
-    """Mean vote along lines of a slope, by their column in the middle row; without sign."""
+    """Mean vote along lines of a slope, by their column in the middle row; positive upwards."""
     strips, columns = votes.shape
     offsets = slope * ((np.arange(strips) + 0.5) / strips - 0.5) * length
     place = np.arange(columns)
@@ -262,7 +266,7 @@ def _along(votes: Matrix, slope: float, length: int) -> Scalars:
         np.interp(place + offset, place, vote, left=0.0, right=0.0)
         for offset, vote in zip(offsets, votes, strict=True)
     ]
-    return np.abs(np.mean(shifted, axis=0))
+    return np.mean(shifted, axis=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,43 +279,84 @@ class _Pair:
     total: float
 
 
+@dataclass(frozen=True, slots=True)
+class _Rectangle:
+    """Four sides that step alike, out of it, and its turn."""
+
+    columns: _Pair
+    rows: _Pair
+    slope: float
+
+    @property
+    def total(self) -> float:
+        return self.columns.total + self.rows.total
+
+    @property
+    def scores(self) -> Scalars:
+        return np.array([*self.columns.scores, *self.rows.scores])
+
+    @property
+    def seen(self) -> tuple[Side, ...]:
+        """Sides whose border is seen."""
+        scored = zip(SIDES, self.scores, strict=True)
+        return tuple(side for side, score in scored if score >= LEAST_SCORE)
+
+    @property
+    def likely(self) -> tuple[bool, float]:
+        """Its rank: of two that are there the inner one is the picture.
+
+        The other is the edge of the film, which often stands out more.
+        """
+        if not _trusted(self.seen):
+            return False, self.total
+        width = self.columns.second - self.columns.first
+        return True, -width * (self.rows.second - self.rows.first)
+
+
 def _best_pair(
-    score: Scalars,
+    steps: Scalars,
     size: float,
     near: tuple[float, float] | None = None,
 ) -> _Pair:
     """The two boundaries with the best votes that are as far apart as the frame is wide.
+
+    `steps` go down over the first and up over the second: out of the picture, onto a brighter rim.
 
     A side that is not seen counts as UNSEEN wherever it is, also outside the scan; the two small
     penalties decide between equals: nominal size, then the middle of the scan.
     """
     slack = round(size * SIZE_TOLERANCE) + 1
     reach = round(REACH * size) + slack
-    padded = np.full(len(score) + 2 * reach, UNSEEN)
-    padded[reach : reach + len(score)] = np.maximum(score, UNSEEN)
+    firsts, seconds = np.full((2, len(steps) + 2 * reach), UNSEEN)
+    firsts[reach : reach + len(steps)] = np.maximum(-steps, UNSEEN)
+    seconds[reach : reach + len(steps)] = np.maximum(steps, UNSEEN)
     best: tuple[float, int, int] | None = None
     for width in range(round(size) - slack, round(size) + slack + 1):
-        if width >= len(padded):
+        if width >= len(firsts):
             continue
-        total = padded[:-width] + padded[width:]
+        total = firsts[:-width] + seconds[width:]
         middle = np.arange(len(total)) + width / 2 - reach
         total -= PREFERRED * np.abs(width - size) / slack
-        total -= PREFERRED * np.abs(middle - len(score) / 2) / len(score)
+        total -= PREFERRED * np.abs(middle - len(steps) / 2) / len(steps)
         if near is not None:
             total[np.abs(middle - near[0]) > near[1] + 0.5] = -np.inf
         first = int(np.argmax(total))
         if best is None or total[first] > best[0]:
             best = (float(total[first]), first - reach, width)
     if best is None:
-        best = (0.0, round((len(score) - size) / 2), round(size))
+        best = (0.0, round((len(steps) - size) / 2), round(size))
     total, first, width = best
     ends = (first, first + width)
-    scores = [float(score[end]) if 0 <= end < len(score) else 0.0 for end in ends]
+    scores = [
+        max(float(sign * steps[end]), 0.0) if 0 <= end < len(steps) else 0.0
+        for sign, end in zip((-1, 1), ends, strict=True)
+    ]
     return _Pair(float(ends[0]), float(ends[1]), (scores[0], scores[1]), total)
 
 
-def _corners(columns: _Pair, rows: _Pair, slope: float, shape: tuple[int, ...]) -> PixelPoints:
+def _corners(found: _Rectangle, shape: tuple[int, ...]) -> PixelPoints:
     """Lower left, lower right, upper right, upper left corner from the four border lines."""
+    columns, rows, slope = found.columns, found.rows, found.slope
     middle_row, middle_column = shape[0] / 2, shape[1] / 2
     lines = np.array([[1.0, -slope], [slope, 1.0]])
     ends = (

@@ -36,6 +36,30 @@ def test_corners_within_a_third_of_a_millimetre__truth(
     assert away.max() * film.pixel_mm < 0.33
 
 
+@pytest.mark.parametrize("bed", [250, 2], ids=["white bed", "dark bed"])
+def test_the_picture_is_found_within_a_film_cut_close_to_it__truth(
+    tmp_path: Path, bed: int
+) -> None:
+    """The edge of the film stands out from the bed far more than the picture from its rim."""
+    film = Film(turn_deg=0.8, margin=8.0 if bed > 100 else 250.0)
+    make_film(tmp_path / "film.tif", film)
+    gray = read_overview(open_scan(tmp_path / "film.tif"), 1)
+    gray[:] = gray.clip(60, 200) if film.margin > 100 else gray.clip(0, 90)
+    size = gray.shape[0]
+    matrix = film_from_pixel(film, size)
+    rows, columns = np.indices(gray.shape) + 0.5
+    place = [
+        matrix[axis, 0] * columns + matrix[axis, 1] * rows + matrix[axis, 2] for axis in (0, 1)
+    ]
+    beyond = np.maximum(*np.abs(place)) - film.half_mm
+    gray[beyond >= 0] = film.margin
+    gray[beyond >= 0.5] = bed
+    write_gray(tmp_path / "cut.tif", gray.astype(np.uint8))
+    area = detect_film_area(open_scan(tmp_path / "cut.tif"), CAMERA, film.pixel_mm)
+    away = np.linalg.norm(area.corners - true_corners(film, size), axis=1)
+    assert away.max() * film.pixel_mm < 0.33
+
+
 def test_side_cut_off_by_the_scanner_follows_from_the_frame__truth(tmp_path: Path) -> None:
     film = Film()
     make_film(tmp_path / "film.tif", film)
