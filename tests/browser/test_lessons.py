@@ -161,3 +161,13 @@ def test_a_lesson_can_be_used_by_everyone__law(learn, axe, theme):
         page.locator("[data-act=theme]").click()
     page.evaluate(axe)
     assert page.evaluate(VIOLATIONS, {}) == []
+
+
+@pytest.mark.parametrize("language", ["en", "cs"])
+def test_formulas_with_their_numbers_fit_into_their_room__law(learn, language):
+    page, _ = learn(next(iter(LESSONS)), language=language, size={"width": 1366, "height": 768})
+    for name in LESSONS:
+        page.click(f'[data-lesson="{name}"]')
+        settled(page)
+        room = page.locator("#formulas")
+        assert room.evaluate("e => e.scrollWidth <= e.clientWidth"), name

@@ -233,7 +233,7 @@ function showFormulas({ symbols }, { sliders, equations }) {
   const room = byId("formulas");
   SIZES.some((size) => {
     room.style.setProperty("--size", `${size}px`);
-    return room.scrollHeight <= room.clientHeight;
+    return room.scrollHeight <= room.clientHeight && room.scrollWidth <= room.clientWidth;
   });
 }
 
