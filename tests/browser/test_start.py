@@ -211,15 +211,16 @@ def test_two_pages_save_what_was_written_in_each__law(chromium, tiny_block, tmp_
         one.click('[data-act="start.save"]')
         one.wait_for_function(f"document.querySelector('{pixel}').value === '21'")
         other.fill(distance, "211.59")
-        other.click('[data-act="start.save"]')
-        other.wait_for_function("!document.querySelector('[data-act=\"start.discard\"]')")
+        # Only then has it looked at what it saved.
+        with other.expect_response("**/found"):
+            other.click('[data-act="start.save"]')
         one.click('[data-act="start.save"]')
         one.wait_for_function(f"document.querySelector('{distance}').value === '211.59'")
         # The same field of both: the second is told, and sees what the file has now.
-        one.fill(distance, "212")
-        one.click('[data-act="start.save"]')
-        one.wait_for_function("!document.querySelector('[data-act=\"start.discard\"]')")
         other.fill(distance, "213")
+        one.fill(distance, "212")
+        with one.expect_response("**/found"):
+            one.click('[data-act="start.save"]')
         other.click('[data-act="start.save"]')
         other.wait_for_selector(".notice.grave:has-text('principal_distance_mm')")
         other.wait_for_selector(f".field:has({distance}) small:has-text('212')")
