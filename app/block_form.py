@@ -119,10 +119,10 @@ class BlockForm:
         recognition: Recognition,
         seen: Mapping[str, Any] | None,
     ) -> Judged:
-        """Write the file unless something filled in cannot be used; arguments as of both below.
+        """Write the file unless a value cannot be used; arguments as for `_hold` and `judged`.
 
         Raises:
-            ProjectError: As both below.
+            ProjectError: As for `_hold` and `judged`.
             StorageError: The disk is full.
         """
         self._hold(values, recognition, seen or {})
@@ -135,7 +135,7 @@ class BlockForm:
     def _hold(
         self, values: Mapping[str, Any], recognition: Recognition, seen: Mapping[str, Any]
     ) -> None:
-        """Hold up fields that somebody else has saved since they were shown.
+        """Refuse fields that somebody else has saved since they were shown.
 
         Args:
             values: Every field, as it stands on the page.

@@ -134,7 +134,7 @@ class Transaction:
         self._connection.executemany(sql, rows)
 
     def append(self, recorded: str, who: str, decisions: Sequence[tuple[str, str]]) -> list[int]:
-        """Decisions behind all others; arguments and result as of `Store.append`."""
+        """Add decisions after all others; arguments and result as for `Store.append`."""
         return [
             self.execute(
                 "INSERT INTO decisions (recorded, who, kind, decision) VALUES (?, ?, ?, ?)",
