@@ -277,3 +277,25 @@ def test_checks_are_read_by_keys_alone__law(page: Any, real_desk: RealDesk) -> N
         "name => gruber.checksState().found.places.find(p => p.place === name).state === 'open'",
         arg=place,
     )
+
+
+def test_an_older_answer_does_not_undo_the_last_filter__law(overheard: Any) -> None:
+    """Two filters in one breath: what the desk says of the first must not stand for the second."""
+    page = overheard
+    shown = page.evaluate(f"""() => {{
+      ({ARRIVES})();
+      const role = document.getElementById("sieve-role");
+      role.value = "fiducial";
+      role.dispatchEvent(new Event("change"));
+      document.querySelector('.chip[data-state="all"]').click();
+      ({ARRIVES})();
+      return [role.value, document.querySelector("#chips .on, #chips [aria-pressed=true]")
+        ?.dataset.state];
+    }}""")
+    assert shown == ["fiducial", "all"]
+    settled(page)
+    page.wait_for_function("gruber.parts.queue.filter.state === 'all' && !gruber.isAhead()")
+    assert page.evaluate("gruber.parts.queue.filter.role") == "fiducial"
+    # Nothing is awaited any more: the desk's word counts.
+    page.evaluate(f"() => {{ window.told.queue.filter.role = ''; ({ARRIVES})(); }}")
+    assert page.input_value("#sieve-role") == ""

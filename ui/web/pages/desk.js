@@ -3,7 +3,7 @@ import {
   all, byId, element, fillWords, focused, glyph, keyName, learnNames, start, stateGlyph, tip, word,
 } from "./words.js";
 import {
-  areaShown, clearMarked, markedKeys, ofOne, setUpQueue, showAll, showQueue, walk,
+  areaShown, clearMarked, isFilterAnswered, markedKeys, ofOne, setUpQueue, showAll, showQueue, walk,
 } from "./queue.js";
 import { showMany, showPoint } from "./point.js";
 import {
@@ -325,7 +325,7 @@ function receive(message) {
   const rows = mergeRows(parts.rows ?? [], fresh);
   if (rows) fresh.rows = rows;
   Object.assign(parts, fresh);
-  if (fresh.rows || fresh.queue || fresh.order) showQueue(fresh);
+  if (fresh.rows || fresh.queue || fresh.order || isFilterAnswered()) showQueue(fresh);
   if (fresh.queue) {
     askWhy(fresh.queue.explaining);
     askBack(fresh.queue.turning);

@@ -4,7 +4,7 @@ import {
   stateGlyph, turn, word,
 } from "./words.js";
 import { afterPause, letterOf } from "./view.js";
-import { finishBefore, send } from "./wire.js";
+import { finishBefore, isAhead, send } from "./wire.js";
 
 const ROW = 25; // as `.row` in desk.css
 const TYPING_MS = 150; // design: a word typed is one search
@@ -32,6 +32,9 @@ const state = {
   rows: /** @type {Row[]} */ ([]),
   order: /** @type {number[]} */ ([]),
   queue: /** @type {SiftedQueue | null} */ (null),
+  /** The filter the desk told last, and the one chosen here until the desk is done with it. */
+  told: /** @type {Filter | null} */ (null),
+  asked: /** @type {Filter | null} */ (null),
   learnt: 0,
   drawn: /** @type {Map<number, HTMLElement>} */ (new Map()),
   /** Rows to be decided together, by key: those kept one by one, and a range from `anchor` on. */
@@ -229,10 +232,13 @@ function sieve(change) {
   typed.now();
   const { queue } = state;
   if (!queue) return;
-  const filter = { ...queue.filter, ...change };
-  send({ kind: "filter", ...filter });
-  showQueue({ queue: { ...queue, filter } });
+  state.asked = { ...queue.filter, ...change };
+  send({ kind: "filter", ...state.asked });
+  showQueue({});
 }
+
+/** True when the desk is done with the filter that was chosen here: its own word counts again. */
+export const isFilterAnswered = () => Boolean(state.asked) && !isAhead();
 
 /** @param {Filter} filter */
 const isNarrowed = ({ area, photo, role, text }) => Boolean(area.length || photo || role || text);
@@ -325,6 +331,10 @@ export function showQueue(fresh) {
     order: fresh.order ?? state.order });
   const told = fresh.queue ?? state.queue;
   if (!told) return;
+  if (fresh.queue) state.told = told.filter;
+  // What the desk says of an older filter does not undo the hand's last one.
+  if (!isAhead()) state.asked = null;
+  told.filter = state.asked ?? state.told ?? told.filter;
   if (rows.length !== state.learnt) learnPoints([...new Set(rows.map((row) => row[POINT]))]);
   state.learnt = rows.length;
   const { counts, kinds, shown } = sifted(rows, order, told.filter);
