@@ -15,6 +15,7 @@ from core.control.prediction import EDGE_MM, JointErrors, shown_in
 from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.progress import Progress, Work
+from core.said import say
 from core.scans.centring import Centre
 from core.scans.corrected_marks import Example, corrected_scan, fill_marks, snap_mark
 from core.scans.interior_orientation import ScanOrientation
@@ -27,6 +28,7 @@ from ui.review.drafts import apply_draft
 from ui.review.gestures import Gesture, PointAsked, Refined
 from ui.review.mark_gestures import MarkPlaced
 from ui.review.new_points import ORTHO, next_name
+from ui.review.second_reading import blinded, is_blind
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState, InitialState, Notice, Seat
 from ui.review.to_measure import stated_place
@@ -144,8 +146,10 @@ class MeasuringTool:
         that was measured a measurement keeps its weight; elsewhere it is as if placed by hand.
         """
         seat_id, key, known = gesture.seat_id, gesture.key, len(desk.recorded)
-        state = desk.state
-        draft = desk.seats[seat_id].draft_of(key) if seat_id in desk.seats else None
+        seat, state = desk.seats.get(seat_id), desk.state
+        draft = None if seat is None else seat.draft_of(key)
+        if seat is not None and is_blind(state, seat, key):
+            state = blinded(state, seat, key[0])
         measured = state.measurement_of(key)
         drafted = apply_draft(state, draft).measurement_of(key) if draft else None
         start = drafted or measured
@@ -167,6 +171,8 @@ class MeasuringTool:
         away = np.hypot(place.column - measured.column, place.row - measured.row)
         own = away < SAME_PLACE_PX and not state.is_waiting(key)
         sigma = place.sigma_px if by_photos else measured.sigma_px if own else None
+        # A second reading stays one: what has a sigma of its own was measured by the program.
+        sigma = sigma if state is desk.state else None
         decision = Place(*key, place.column, place.row, sigma)
         return Measured(seat_id, decision, Notice(text, values), draft, known)
 
@@ -385,7 +391,7 @@ def _measured(
         column, row = (float(value) for value in pixel[0])
         return Measurement(
             name, photo_id, column, row, HAND_SIGMA_PX, 0.0, "dubious",
-            "predicted only: not found by likeness",
+            say("predicted only: not found by likeness"),
         )  # fmt: skip
     column, row = (float(value) for value in refined[0])
     height, least = likeness.height_at(refined), likeness.chance_height
@@ -400,7 +406,11 @@ def _measured(
     return replace(
         found,
         status="dubious",
-        reason=f"its peak is {height:.1f} sigma high; chance alone brings up to {least:.1f} here",
+        reason=say(
+            "its peak is {height:.1f} sigma high; chance alone brings up to {least:.1f} here",
+            height=height,
+            least=least,
+        ),
     )
 
 

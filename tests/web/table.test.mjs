@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { extended, sifted } from "../../ui/web/pages/queue.js";
+import { extended, sifted, toldRow } from "../../ui/web/pages/queue.js";
 import { mergeRows } from "../../ui/web/pages/wire.js";
 
 const row = (point, photo, role, state, disputed = null) =>
@@ -44,6 +44,13 @@ test("what the block contradicts is a filter of its own__truth", () => {
   const { counts, shown } = sifted(rows, [4, ...ORDER], { ...ALL, state: "disputed" });
   assert.deepEqual(shown, [4]);
   assert.deepEqual([counts.disputed, counts.accepted], [1, 1]);
+});
+
+test("a second reader is told nothing of how the first reading lies__law", () => {
+  const read = [...row("T1", "a", "control", "accepted", 18.2), 9, 1];
+  assert.equal(toldRow(read, ALL), read);
+  assert.deepEqual(toldRow(read, { ...ALL, state: "second" }),
+    ["T1", "a", "control", "accepted", 0, 0, null, 2, null, null, 1]);
 });
 
 test("a name is found by its parts__truth", () => {

@@ -77,7 +77,7 @@ from ui.review.queue import (
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Draft, Key, Notice, Seat, Sorting
 from ui.review.to_measure import WAITING, by_view
-from ui.review.verdicts import decision_of, refusal, standing_verdict
+from ui.review.verdicts import decision_of, not_placed, refusal, standing_verdict
 
 Act = Literal[
     "", "undo", "redo", "remake", "cancel", "fit whole", "fit current",
@@ -320,8 +320,8 @@ def _place(
 ) -> Outcome:
     """A place set by hand, or another peak: a draft, until a verdict keeps it."""
     point_id, photo_id = gesture.key
-    if gesture.key in desk.state.extra.measurements:
-        return Outcome(seat, notice=Notice("notice.yes-or-no"))
+    if notice := not_placed(desk.state, seat, gesture):
+        return Outcome(seat, notice=notice)
     if (gesture.key not in desk.rows and point_id) or photo_id not in desk.drawn:
         return Outcome(seat)
     seat = replace(seat, explaining=())
@@ -358,8 +358,8 @@ def _measure(gesture: PointAsked | Refined, seat: Seat, desk: DeskSnapshot) -> O
     """What is looked for in the scans, and so in the background; a refined point is waited for."""
     if isinstance(gesture, PointAsked):
         return Outcome(seat, act="measure")
-    if gesture.key in desk.state.extra.measurements:
-        return Outcome(seat, notice=Notice("notice.yes-or-no"))
+    if notice := not_placed(desk.state, seat, gesture):
+        return Outcome(seat, notice=notice)
     if gesture.key not in desk.rows or gesture.key[0] not in desk.state.block.surveyed:
         return Outcome(seat)
     return Outcome(replace(seat, current=gesture.key, explaining=()), act="measure")
@@ -421,7 +421,7 @@ def _pick(gesture: Aimed, seat: Seat, desk: DeskSnapshot) -> Outcome:
 def _hover(gesture: Aimed, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """What lies under the pointer in 3D."""
     found = sight.pick(gesture.origin, gesture.direction, desk.state.oriented, seat.scene)
-    card = {} if found is None else sight.card_part(found, desk)
+    card = {} if found is None else sight.card_part(found, seat, desk)
     return Outcome(seat, answer=("card", {"number": gesture.number, **card}))
 
 

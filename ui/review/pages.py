@@ -23,7 +23,7 @@ from ui.review.placement import placement_part
 from ui.review.quality import quality_part
 from ui.review.queue import queue_row
 from ui.review.scene import ScenePicture, scene_picture
-from ui.review.second_reading import blinded, is_blind
+from ui.review.second_reading import blind_keys, blinded, is_blind, without_places
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import SceneOptions, Seat
 
@@ -64,11 +64,14 @@ class Pages:
                     state, stale, outlines, dem, away=misfits, tied=desk.tie_vectors
                 )
             )
-        sources = self._scene, seat.scene, seat.current
+        hidden, scene = blind_keys(state, seat), self._scene
+        sources = scene, seat.scene, seat.current, hidden
         if _are_same(self._sources.get((seat.seat_id, SCENE), ()), sources):
             return None
         self._sources[seat.seat_id, SCENE] = sources
-        return self._scene
+        if not hidden or scene is None:
+            return scene
+        return cache(lambda: scene().without_vectors(hidden))
 
     def forget(self, seat_id: str) -> None:
         """Show a seat everything again: a page or a scene was opened there."""
@@ -188,6 +191,7 @@ def seat_point(seat: Seat, desk: DeskSnapshot) -> Part:
         return None
     draft, state, rows = seat.draft_of(key), desk.state, desk.rows
     blind = is_blind(state, seat, key)
+    history = history_of(key, desk.recorded, desk.state.extra)
     if blind:
         state = blinded(state, seat, key[0])
         hidden = desk.state.block.measurements.keys() - state.block.measurements.keys()
@@ -196,7 +200,7 @@ def seat_point(seat: Seat, desk: DeskSnapshot) -> Part:
         desk.drawn,
         desk.dem,
         None if blind and draft is None else desk.trials.get(draft or key),
-        history_of(key, desk.recorded, desk.state.extra),
+        without_places(history, seat) if blind else history,
         opponent_of(key, seat.operator, desk.recorded),
         desk.table.by_point.get(key[0], ()),
     )

@@ -1,7 +1,7 @@
 """The block as the 3D scene shows it: arrays in the local frame."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import takewhile
 from string import ascii_letters, digits
@@ -104,8 +104,8 @@ class ScenePicture:
     """Check points."""
     vectors: Segments
     """Surveyed point of each used measurement, and the end of its misfit at true length."""
-    vector_photos: tuple[str, ...]
-    """Photo of each of these measurements."""
+    vector_keys: tuple[Key, ...]
+    """Point and photo of each of these measurements."""
     vectors_top_m: float
     """Misfit at the end of the ramp of colours, metres."""
     ellipses: Cloud
@@ -122,6 +122,12 @@ class ScenePicture:
     """Each tie point and the end of its longest residual on the ground, at true length."""
     labels: Mapping[str, Position]
     """Names of the photos, without what all of them share, at their perspective centres."""
+
+    def without_vectors(self, hidden: Collection[Key]) -> "ScenePicture":
+        """The scene without the misfits of some measurements."""
+        shown = [key not in hidden for key in self.vector_keys]
+        keys = tuple(key for key in self.vector_keys if key not in hidden)
+        return replace(self, vectors=self.vectors[np.array(shown, dtype=bool)], vector_keys=keys)
 
     def ties_shown(self, photo_id: str, rays: int) -> Indices:
         """Numbers of the tie points of a photo with so many rays; of all without one or the other.
@@ -175,7 +181,7 @@ def scene_picture(
         },
         checks=_cloud(state.block, checks),
         vectors=vectors,
-        vector_photos=tuple(photo_id for _, photo_id in keys),
+        vector_keys=tuple(keys),
         vectors_top_m=ramp_top_m(state, away),
         ellipses=_cloud(state.block, adjusted),
         half_axes=np.array([sigma[:2] for sigma in adjusted.values()]).reshape(-1, 2),

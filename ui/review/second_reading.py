@@ -1,11 +1,13 @@
 """Second readings: the second operator does not see the first place before measuring."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from core.block import Measurement
+from sessions.decisions import Place
 from ui.review.state import DeskState, Key, Seat
 from ui.review.to_measure import with_waiting
 
@@ -24,14 +26,29 @@ def is_blind(state: DeskState, seat: Seat, key: Key) -> bool:
     return known and all(one.operator != seat.operator for one in measurement.readings)
 
 
+def blind_keys(state: DeskState, seat: Seat) -> tuple[Key, ...]:
+    """Everything that a seat is to read a second time and does not see yet."""
+    return tuple(key for key in state.to_measure.predictions if is_blind(state, seat, key))
+
+
 def blinded(state: DeskState, seat: Seat, point_id: str) -> DeskState:
-    """The desk as if nobody had placed what a seat has not placed itself."""
-    kept = {
-        key: item
-        for key, item in state.block.measurements.items()
-        if key[0] != point_id or not is_blind(state, seat, key)
-    }
-    return with_waiting(replace(state, block=replace(state.block, measurements=kept)))
+    """The desk as if nobody had placed what a seat has not placed itself, nor proposed it."""
+    hidden = {key for key in blind_keys(state, seat) if key[0] == point_id}
+    known, measurements = state.to_measure, state.block.measurements
+    kept = {key: item for key, item in measurements.items() if key not in hidden}
+    proposals = {key: item for key, item in known.proposals.items() if key not in hidden}
+    block = replace(state.block, measurements=kept)
+    return with_waiting(replace(state, block=block, to_measure=replace(known, proposals=proposals)))
+
+
+def without_places(history: Iterable[Mapping[str, Any]], seat: Seat) -> list[Mapping[str, Any]]:
+    """The history of a measurement that does not tell a seat where others have placed it."""
+    return [
+        {**line, "detail": ("", {})}
+        if line["what"] == Place.__name__ and line["who"] != seat.operator
+        else line
+        for line in history
+    ]
 
 
 def apart_px(measurement: Measurement) -> float:

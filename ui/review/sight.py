@@ -22,6 +22,7 @@ from ui.review.scene import (
     frustum_depth_m,
     ground_level_m,
 )
+from ui.review.second_reading import is_blind
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Area, Key, SceneOptions, Seat
 
@@ -189,15 +190,16 @@ def _sees(place: Position, photo: Photo, camera: Camera, dem: HeightSource) -> b
     return not bool(np.any(dem.heights(path[:, :2]) - path[:, 2] > CLEARANCE * up[2]))
 
 
-def card_part(found: Picked, desk: DeskSnapshot) -> dict[str, Any]:
-    """What a card says of a photo or a point."""
+def card_part(found: Picked, seat: Seat, desk: DeskSnapshot) -> dict[str, Any]:
+    """What a card says of a photo or a point to a seat."""
     if found.kind == "photo":
         fit = photo_fit(desk.state.report, found.name)
         return {"photo": found.name, "rms": short(fit.rms_px, 2), "control": fit.control,
                 "ties": fit.ties}  # fmt: skip
     keys = desk.table.by_point.get(found.name, ())
     states = {desk.rows[key].state for key in keys}
-    known = [misfit for key in keys if (misfit := desk.table.figures.misfits.get(key))]
+    seen = [key for key in keys if not is_blind(desk.state, seat, key)]
+    known = [misfit for key in seen if (misfit := desk.table.figures.misfits.get(key))]
     worst = max(known, key=lambda one: np.hypot(*one.metres), default=None)
     return {
         "point": found.name,

@@ -11,7 +11,17 @@ from sessions.decisions import (
     MarkNotVisible,
     Reject,
 )
-from ui.review.gestures import Aimed, AnswerAsked, Gesture, Undone, Verdict
+from ui.review.gestures import (
+    Aimed,
+    AnswerAsked,
+    Gesture,
+    PeakChosen,
+    PlacedInScan,
+    PlacedOnGround,
+    Refined,
+    Undone,
+    Verdict,
+)
 from ui.review.looks import ShownState
 from ui.review.second_reading import is_blind
 from ui.review.state import DeskState, Key, Notice, Seat
@@ -31,6 +41,22 @@ def refusal(
         return Notice("notice.only-draft", {"what": key[0]})
     if notice := not_measured(shown, measurement, verdict):
         return notice
+    return Notice("notice.read-first") if is_blind(state, seat, key) else None
+
+
+def not_placed(
+    state: DeskState, seat: Seat, gesture: PlacedInScan | PlacedOnGround | PeakChosen | Refined
+) -> Notice | None:
+    """Why a gesture cannot place a measurement; None where it can.
+
+    Peaks, and what is refined without a draft, begin at the first reading.
+    """
+    key = gesture.key
+    if key in state.extra.measurements:
+        return Notice("notice.yes-or-no")
+    own = isinstance(gesture, Refined) and seat.draft_of(key) is not None
+    if own or isinstance(gesture, PlacedInScan | PlacedOnGround):
+        return None
     return Notice("notice.read-first") if is_blind(state, seat, key) else None
 
 

@@ -424,7 +424,8 @@ class BlockView:
         """Misfits lengthened and coloured by their size, and error ellipses enlarged as much."""
         segments, scale = picture.vectors, options.vector_scale
         if options.photo:
-            segments = segments[np.array(picture.vector_photos) == options.photo]
+            seen = [photo_id == options.photo for _, photo_id in picture.vector_keys]
+            segments = segments[np.array(seen, dtype=bool)]
         start, end = self._on_ground(segments, 1.2)[:, 0], segments[:, 1] - segments[:, 0]
         sizes = np.linalg.norm(end, axis=1)
         colours = looks.size_colours(sizes, picture.vectors_top_m)

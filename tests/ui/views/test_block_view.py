@@ -180,7 +180,7 @@ def test_the_chosen_photo_stands_out_with_its_points__law(shown):
     assert own == [len(cloud.points) if cloud.visible else 0 for cloud in clouds]
     checks = len(picture.checks.points) - len(picture.checks.shown_in(name))
     assert len(nodes[OTHERS].points) == everything - sum(own) + checks
-    assert len(nodes[VECTORS].points) == picture.vector_photos.count(name)
+    assert len(nodes[VECTORS].points) == sum(key[1] == name for key in picture.vector_keys)
     view.show(picture, ALL, None)
     assert not nodes[OTHERS].visible
     assert len(nodes[VECTORS].points) == len(picture.vectors)

@@ -448,9 +448,19 @@ function draw() {
   }
 }
 
+/**
+ * A row as it is told: to a second reader nothing of how the first reading lies.
+ * @param {Row} row @param {{ state: string }} filter
+ */
+export function toldRow(row, filter) {
+  if (filter.state !== "second") return row;
+  const hidden = { [DOUBT]: 0, [MISFIT]: null, [DISPUTED]: null, [SIGMAS]: null };
+  return /** @type {Row} */ (/** @type {unknown} */ (Object.assign([...row], hidden)));
+}
+
 /** @param {HTMLElement} line @param {number} index @param {SiftedQueue} queue */
-function write(line, index, { current, drafted, isTaken }) {
-  const row = state.rows[index];
+function write(line, index, { current, drafted, filter, isTaken }) {
+  const row = toldRow(state.rows[index], filter);
   const taken = isTaken.get(index);
   const chosen = state.marked.has(textOf(index));
   const draft = drafted.has(index);
