@@ -19,6 +19,7 @@ from core.block import (
 from core.geometry.camera import Camera
 from core.localisation.tied_block import stand_on_points
 from core.mosaic.seam_edits import SeamArea, SeamLine
+from core.said import say
 from sessions.decisions import (
     NOT_VISIBLE,
     Accept,
@@ -292,14 +293,15 @@ def _decided(
         case MarkNotVisible():
             return replace(proposed, status="rejected", reason=NOT_VISIBLE, readings=())
         case MarkDubious():
-            return replace(proposed, status="dubious", reason=f"dubious to {recorded.who}")
+            reason = say("dubious to {who}", who=recorded.who)
+            return replace(proposed, status="dubious", reason=reason)
 
 
 def _refined(proposed: Measurement, decision: Place, sigma_px: float, who: str) -> Measurement:
     """A refined measurement remains the engine's: same peak, same score, same weight."""
     return replace(
         proposed, column=decision.column, row=decision.row, sigma_px=sigma_px,
-        status="accepted", reason=f"refined by {who}", readings=(),
+        status="accepted", reason=say("refined by {who}", who=who), readings=(),
     )  # fmt: skip
 
 

@@ -321,11 +321,15 @@ def _explained(error: Exception, path: Path) -> tuple[str, str]:
         return "is a folder where the session file belongs.", "Rename it or move it elsewhere."
     if code in _EXPLANATIONS:
         return _EXPLANATIONS[code]
-    return f"could not be used ({error}).", f"Make a copy of {path.name}, then try again."
+    cause = say("could not be used ({error}).", error=error)
+    return cause, say("Make a copy of {name}, then try again.", name=path.name)
 
 
 _LOCKED = (
-    f"has been held by another program for more than {BUSY_SECONDS:.0f} seconds.",
+    say(
+        "has been held by another program for more than {seconds:.0f} seconds.",
+        seconds=BUSY_SECONDS,
+    ),
     "Save or end the editing of its layers (in QGIS: toggle editing off), then try again.",
 )
 _READ_ONLY = (

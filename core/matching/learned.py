@@ -36,9 +36,10 @@ GROUP = 3
 """Channels that are correlated in one go."""
 # design: keeps the division finite.
 SMALL = np.float32(1e-6)
-FORM = (
-    f"It must take one grey channel (1, 1, rows, columns), from 0 to 1, to at most {MOST_CHANNELS} "
-    "channels of the same rows and columns."
+FORM = say(
+    "It must take one grey channel (1, 1, rows, columns), from 0 to 1, to at most {most} "
+    "channels of the same rows and columns.",
+    most=MOST_CHANNELS,
 )
 
 

@@ -41,7 +41,7 @@ def blinded(state: DeskState, seat: Seat, point_id: str) -> DeskState:
     return with_waiting(replace(state, block=block, to_measure=replace(known, proposals=proposals)))
 
 
-def without_places(history: Iterable[Mapping[str, Any]], seat: Seat) -> list[Mapping[str, Any]]:
+def without_places(history: Iterable[dict[str, Any]], seat: Seat) -> list[dict[str, Any]]:
     """The history of a measurement that does not tell a seat where others have placed it."""
     return [
         {**line, "detail": ("", {})}

@@ -17,6 +17,7 @@ from core.mosaic.seam_edits import SeamEdit
 from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct
 from core.raster.holes import Hole
+from core.said import say
 from core.scans.interior_orientation import ScanOrientation
 from sessions.checks import results_digest
 from sessions.decisions import Accept, AddPoint, ChoosePeak, Place, PlaceFiducial
@@ -448,7 +449,7 @@ class DeskState:
             return OUT
         judged = self.report.block.measurements.get(key)
         if judged is not None and judged.status == "unused":
-            return judged.reason or "left out"
+            return judged.reason or say("the adjustment did not use it")
         return self.report.rejected.get(key, "")
 
     def remark(self, measurement: Measurement) -> str:

@@ -12,6 +12,7 @@ from app.run import STAGE_NAMES
 from core.errors import PhotogrammetryError
 from core.formats.exchange_formats import FORMATS
 from core.quality.sentences import CLASSES, SENTENCES
+from sessions.decisions import NOT_VISIBLE, REASONS
 from ui.words.catalogue import KEYS, LANGUAGES, Teller, messages, preferred_language, words
 
 HOME = Path(__file__).resolve().parents[3]
@@ -204,21 +205,86 @@ def test_what_the_engine_says_is_known_in_every_language__law(language: str) -> 
     assert not [text for text, (ours, theirs) in places.items() if set(ours) != set(theirs)]
 
 
-MESSAGES = {"Doubt": (2,), "Failure": (0,), "refused": (0, 1)}
+MESSAGES = {
+    "Doubt": (2,), "Failure": (0,), "refused": (0, 1), "Measurement": (7,), "replace": (),
+}  # fmt: skip
 """Which arguments are told; those of an error are its cause and its remedy."""
 
 
+class Module:
+    """What the names and functions of one module may be."""
+
+    def __init__(self, tree: ast.Module) -> None:
+        nodes = [node for node in ast.walk(tree) if not isinstance(node, ast.expr_context)]
+        self.given = [
+            (target, node.value)
+            for node in nodes
+            if isinstance(node, ast.Assign | ast.AnnAssign) and node.value
+            for target in (node.targets if isinstance(node, ast.Assign) else [node.target])
+        ]
+        self.returned = {
+            node.name: [one.value for one in ast.walk(node) if isinstance(one, ast.Return)]
+            for node in nodes
+            if isinstance(node, ast.FunctionDef)
+        }
+
+    def texts(self, told: ast.expr) -> Iterator[ast.expr]:
+        """The texts an expression may be."""
+        todo, met = [(told, -1)], set[tuple[int, int]]()
+        while todo:
+            node, place = todo.pop()
+            if (id(node), place) in met:
+                continue
+            met.add((id(node), place))
+            if place < 0 and isinstance(node, ast.Constant | ast.JoinedStr | ast.BinOp):
+                if getattr(node, "value", node):
+                    yield node
+            else:
+                todo += self.parts(node, place)
+
+    def parts(self, node: ast.expr, place: int) -> list[tuple[ast.expr, int]]:
+        """What an expression may be instead, itself or one place of a pair."""
+        match node:
+            case ast.Tuple(elts=elts):
+                return [(elts[place], -1)] if 0 <= place < len(elts) else []
+            case ast.IfExp(body=body, orelse=orelse):
+                return [(body, place), (orelse, place)]
+            case ast.BoolOp(values=values) | ast.Dict(values=values):
+                return [(one, place) for one in values]
+            case ast.Subscript(value=table):
+                return [(table, place)]
+            case ast.Call(func=ast.Name(id=name)):
+                return [(one, place) for one in self.returned.get(name, ()) if one]
+            case ast.Name(id=name):
+                return [*self.named(name, place)]
+            case _:
+                return []
+
+    def named(self, name: str, place: int) -> Iterator[tuple[ast.expr, int]]:
+        """What a name was set to, by itself or as one of a pair."""
+        for target, value in self.given:
+            if isinstance(target, ast.Name) and target.id == name:
+                yield value, place
+            elif isinstance(target, ast.Tuple) and place < 0:
+                names = [getattr(one, "id", "") for one in target.elts]
+                if name in names:
+                    yield value, names.index(name)
+
+
 def engine_texts() -> Iterator[tuple[str, ast.expr]]:
-    """Where a doubt, a failure or an error is made: what is told."""
+    """Where a doubt, a failure, a measurement or an error is made: what is told."""
     kinds = {kind.__name__ for kind in PhotogrammetryError.__subclasses__()}
     for path in code_of("app", "core", "sessions", "ui"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        module = Module(tree)
+        for node in ast.walk(tree):
             func = getattr(node, "func", None)
             name = getattr(func, "id", "") or getattr(func, "attr", "")
             if isinstance(node, ast.Call) and name in MESSAGES.keys() | kinds:
                 told = [node.args[n] for n in MESSAGES.get(name, (1, 2)) if n < len(node.args)]
-                told += [one.value for one in node.keywords if one.arg == "message"]
-                yield from ((f"{path.relative_to(HOME)}:{node.lineno}", one) for one in told)
+                told += [one.value for one in node.keywords if one.arg in ("message", "reason")]
+                for one in (text for argument in told for text in module.texts(argument)):
+                    yield f"{path.relative_to(HOME)}:{one.lineno}", one
 
 
 @pytest.mark.parametrize("language", LANGUAGES[1:])
@@ -231,6 +297,11 @@ def test_doubts_failures_and_errors_are_known_in_every_language__law(language: s
     plain = {one.value: where for where, one in found if isinstance(one, ast.Constant)}
     unknown = {text: where for text, where in plain.items() if text not in messages(language)}
     assert [text for text, where in unknown.items() if not where.startswith(UNTOLD)] == []
+
+
+@pytest.mark.parametrize("language", LANGUAGES[1:])
+def test_reasons_of_a_rejection_are_known_in_every_language__law(language: str) -> None:
+    assert {*REASONS, NOT_VISIBLE} <= set(messages(language))
 
 
 def test_no_sentence_of_the_catalogue_is_built_of_pieces__law() -> None:
