@@ -21,10 +21,11 @@ from app.project import read_project
 from app.run import STAGE_NAMES, Run, RunOptions
 from app.start import blocks_in
 from app.terminal import JsonLines, Voice, interruptible
-from core.errors import ProjectError
+from core.errors import PhotogrammetryError, ProjectError
 from core.formats.records import plain_bytes
 from core.said import say
 from sessions.atomic_write import whole_file
+from sessions.codec import from_json
 from sessions.session import Session
 
 Executor = Literal["threads", "processes", "dask"]
@@ -340,7 +341,7 @@ def run_apart(
                     stage = str(line["stage"])
                     told(task, stage)
                 case "error":
-                    why = f"{line['file']}: {line['cause']} {line['remedy']}"
+                    why = cast("str", from_json(line["told"]))
                 case None:
                     last = text.strip()
                 case _:
@@ -350,7 +351,8 @@ def run_apart(
     seconds = round(time.monotonic() - started, 1)
     if code in (0, CANCELLED):
         return BlockState(task, "waiting" if code else "done", stage, seconds)
-    return BlockState(task, "failed", stage, seconds, why or last or f"exit code {code}")
+    ended = say("exit code {code}", code=code)
+    return BlockState(task, "failed", stage, seconds, why or last or ended)
 
 
 def _line_of(text: str) -> dict[str, Any]:
@@ -391,7 +393,8 @@ def run_on_cluster(client: Any, task: BlockTask) -> BlockState:
     seconds = round(time.monotonic() - started, 1)
     if error is None:
         return BlockState(task, "done", task.until or STAGE_NAMES[-1], seconds)
-    return BlockState(task, "failed", "", seconds, str(error))
+    why = error.told if isinstance(error, PhotogrammetryError) else str(error)
+    return BlockState(task, "failed", "", seconds, why)
 
 
 def run_silently(task: BlockTask) -> None:

@@ -22,6 +22,7 @@ from rich.progress import Progress as ProgressBar
 
 from core.errors import Cancelled, PhotogrammetryError
 from core.progress import Progress
+from sessions.codec import to_json
 from ui.words.catalogue import LANGUAGES, Teller
 
 
@@ -136,9 +137,9 @@ class JsonLines:
         self.write({"event": "message", "text": text})
 
     def failed(self, error: PhotogrammetryError) -> None:
-        """The work cannot go on."""
+        """The work cannot go on; `told` can be told in any language."""
         parts = {"file": error.file, "cause": error.cause, "remedy": error.remedy}
-        self.write({"event": "error", **parts})
+        self.write({"event": "error", **parts, "told": to_json(error.told)})
 
     def close(self) -> None:
         """Nothing to put in order."""

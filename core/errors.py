@@ -25,6 +25,10 @@ class PhotogrammetryError(Exception):
         )
         super().__init__(self.told)
 
+    def __reduce__(self) -> "tuple[type[PhotogrammetryError], tuple[str, str, str]]":
+        """Copied and pickled as it was made."""
+        return type(self), (self.file, self.cause, self.remedy)
+
 
 class ProjectError(PhotogrammetryError):
     """`block.toml` holds something that cannot be used."""

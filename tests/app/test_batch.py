@@ -1,6 +1,7 @@
 """Many blocks: lists of every kind, failures that stay where they are, and stopping."""
 
 import csv
+import pickle
 import shutil
 import signal
 import subprocess
@@ -10,9 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from app.batch import TABLE, read_list
+from app.batch import TABLE, BlockTask, read_list, run_apart
 from app.cli import DONE, UNUSABLE, main
+from app.project import read_project
 from core.errors import ProjectError
+from ui.words.catalogue import Teller
 
 
 def block(folder: Path) -> Path:
@@ -86,6 +89,19 @@ def test_a_block_that_fails_stops_no_other__truth(tiny_run, tmp_path, capsys, ex
     assert states["broken"][0] == "failed"
     assert "block.toml" in found["broken"]["message"]
     assert found["one"]["findings"].split(":")[0].isdecimal()
+
+
+def test_why_a_block_failed_is_told_in_every_language__law(tmp_path):
+    """A terminal in Czech told of the failures of a batch in English."""
+    task, tell = BlockTask(block(tmp_path / "broken")), Teller("cs")
+    apart = run_apart(task, 1, lambda *_: None, set())
+    with pytest.raises(ProjectError) as error:
+        read_project(task.block)
+    assert apart.message == error.value.told
+    assert tell.again(apart.message) == tell.again(error.value.told) != apart.message
+    # A worker of a cluster sends the error itself.
+    sent = pickle.loads(pickle.dumps(error.value))
+    assert tell.again(sent.told) == tell.again(error.value.told)
 
 
 @pytest.mark.parametrize("executor", ["local", "processes", "dask"])

@@ -12,6 +12,7 @@ import app.terminal
 from app.terminal import JsonLines, Terminal
 from core.errors import ScanError
 from core.progress import Progress
+from sessions.codec import from_json, to_json
 
 ERROR = ScanError("a.tif", "it is cut off.", "Scan it again.")
 
@@ -76,7 +77,9 @@ def test_every_line_for_machines_is_one_json_object__truth(monkeypatch):
         "file": "a.tif",
         "cause": "it is cut off.",
         "remedy": "Scan it again.",
+        "told": to_json(ERROR.told),
     }
+    assert from_json(events[5]["told"]).template == ERROR.told.template
 
 
 @pytest.mark.parametrize("voice", ["Terminal", "JsonLines"])
