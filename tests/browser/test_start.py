@@ -234,6 +234,31 @@ def test_two_pages_save_what_was_written_in_each__law(chromium, tiny_block, tmp_
     context.close()
 
 
+def test_each_upload_is_cancelled_at_its_own_line_and_drops_follow_in_turn__law(page):
+    """*Cancel* at a file that waited stopped another, and a second drop ran beside the first."""
+    held = []
+    page.route("**/files/**", lambda route: held.append(route))
+    drop = "names => { gruber.send(names.map(name => [name, new File(['x'], name)])); }"
+    page.evaluate(drop, ["a.tif", "b.tif", "c.tif"])
+    page.evaluate(drop, ["d.tif"])
+    page.click(".upload:has-text('b.tif') button")
+    page.wait_for_selector(".upload:has-text('b.tif') .doubted")
+    page.wait_for_timeout(200)
+    sent = []
+    for name in ("a.tif", "c.tif", "d.tif"):
+        assert len(held) == 1, "one at a time"
+        sent.append(held[0].request.url.rpartition("/")[2])
+        if name == "d.tif":
+            page.click(".upload:has-text('d.tif') button")
+            page.wait_for_selector(".upload:has-text('d.tif') .doubted")
+        else:
+            held.pop().fulfill(status=200, json={})
+            page.wait_for_selector(f".upload:has-text('{name}')", state="detached")
+            page.wait_for_timeout(200)
+    assert sent == ["a.tif", "c.tif", "d.tif"]
+    assert page.locator(".upload .doubted").count() == 2
+
+
 def test_a_folder_of_blocks_lacks_nothing_of_a_block__law(chromium, tiny_block, tmp_path):
     shutil.copytree(tiny_block, tmp_path / "many" / "one")
     context = chromium.new_context(bypass_csp=True)

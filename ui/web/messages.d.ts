@@ -9,7 +9,7 @@ type State = "auto" | "accepted" | "rejected" | "dubious" | "unused" | "predicte
 type Context = CanvasRenderingContext2D;
 /** Rows of an affine map: [[a, b, x], [c, d, y]]. */
 type Affine = number[][];
-type Send = (message: Record<string, unknown>) => boolean;
+type Send = (message: Record<string, unknown>, after?: () => void) => boolean;
 
 /** What the engine said: finished, or a sentence with its figures. */
 type Told = string | { said: string; values: Record<string, unknown> };
@@ -409,7 +409,13 @@ interface PickedPlace {
   ties?: { count: number, away: number, rms: number, largest: number } | null;
 }
 /** A key of the catalogue with its values. */
-interface Notice { text: string; values: Record<string, string>; grave: boolean }
+interface Notice {
+  text: string;
+  values: Record<string, string>;
+  grave: boolean;
+  /** The draft that it is about. */
+  draft?: Key | null;
+}
 /** The parts of the desk as they were told last. */
 interface Parts {
   rows?: Row[];
@@ -614,7 +620,14 @@ interface Found {
   made: boolean;
   placeable: boolean;
 }
-interface Upload { name: string; file: File; share: number; why: string }
+interface Upload {
+  name: string;
+  file: File;
+  share: number;
+  why: string;
+  /** While it is sent. */
+  request: XMLHttpRequest | null;
+}
 
 /** Elements that are more than an HTMLElement, by their id. */
 /** What a list of points leaves open. */

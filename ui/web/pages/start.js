@@ -15,7 +15,7 @@ const ASKED = ["distance"]; // what is doubted of these is asked about before a 
 const state = {
   found: /** @type {Found | null} */ (null),
   uploads: /** @type {Upload[]} */ ([]),
-  sending: /** @type {XMLHttpRequest | null} */ (null),
+  sending: /** @type {Promise<void> | null} */ (null),
   tab: "film",
   /** What a hand has changed is being checked; and it is another than the file has. */
   checking: false,
@@ -104,11 +104,13 @@ function dropPart() {
 }
 
 /** @param {Upload} upload */
-function uploadLine({ name, share, why }) {
+function uploadLine(upload) {
+  const { name, share, why } = upload;
   const bar = element("i");
   bar.style.width = `${100 * share}%`;
   return element("div", { class: "upload" }, element("span", { title: name }, name),
-    why ? null : element("button", { class: "small", onclick: stopSending }, word("remake.cancel")),
+    why ? null : element("button", { class: "small", onclick: () => stopSending(upload) },
+      word("remake.cancel")),
     why ? element("span", { class: "doubted" }, why)
       : element("span", { class: "share" }, bar));
 }
@@ -176,26 +178,34 @@ async function open(path) {
   lookAgain();
 }
 
-/** Files go one after the other. @param {[string, File][]} files */
+/** Files go one after the other, whenever they were dropped. @param {[string, File][]} files */
 async function send(files) {
   if (start.guest) return tell(word("notice.guest"));
   state.uploads = state.uploads.filter(({ why }) => !why);
   const waiting = files.filter(([name]) => !name.split("/").some((part) => part.startsWith(".")))
-    .map(([name, file]) => ({ name, file, share: 0, why: "" }));
+    .map(([name, file]) => ({ name, file, share: 0, why: "", request: null }));
   state.uploads.push(...waiting);
-  for (const upload of waiting) {
-    upload.why = await sendOne(upload);
-    state.uploads = state.uploads.filter((one) => one !== upload || one.why);
+  showUploads();
+  await (state.sending ??= sendAll());
+}
+
+async function sendAll() {
+  const next = () => state.uploads.find(({ why }) => !why);
+  for (let upload = next(); upload; upload = next()) {
+    const why = await sendOne(upload);
+    if (why) Object.assign(upload, { why, request: null });
+    else state.uploads.splice(state.uploads.indexOf(upload), 1);
+    showUploads();
   }
+  state.sending = null;
   load();
 }
 
 /** Why it failed; nothing where it is there. @param {Upload} upload @returns {Promise<string>} */
 function sendOne(upload) {
-  showUploads();
   return new Promise((resolve) => {
     const request = new XMLHttpRequest();
-    state.sending = request;
+    upload.request = request;
     const path = upload.name.split("/").map(encodeURIComponent).join("/");
     request.open("PUT", `/files/${path}`);
     request.upload.onprogress = ({ loaded, total }) => {
@@ -213,7 +223,12 @@ function sendOne(upload) {
   });
 }
 
-const stopSending = () => state.sending?.abort();
+/** The one that is sent, or one that waits for its turn. @param {Upload} upload */
+function stopSending(upload) {
+  if (upload.request) return upload.request.abort();
+  upload.why = word("start.stopped");
+  showUploads();
+}
 
 function showUploads() {
   for (const line of all(".upload")) line.remove();
