@@ -14,14 +14,15 @@ import {
   Pane, View, afterPause, inverse, mapped, oncePerFrame, scaleOf,
 } from "./view.js";
 import {
-  drawEllipse, drawPatch, drawReadings, ellipseRadius, rawFromGround,
+  drawEllipse, drawPatch, drawReadings, ellipseRadius, framed, inBoth, rawFromGround,
 } from "./expected.js";
 import { beside, drawTogether, showTools, worksTogether } from "./together.js";
 import { ofOne } from "./queue.js";
 import { finishBefore, send } from "./wire.js";
 
 /** @typedef {"ortho" | "scan" | "swipe" | "blend"} Content */
-/** @typedef {{ ground: Pair, raw: Pair | null }} Place raw: pixels, where the raw scan is shown */
+/** @typedef {import("./expected.js").Place} Place */
+/** @typedef {import("./expected.js").Nudged} Nudged */
 /**
  * @typedef {"wallis" | "raw" | "likeness" | "marks" | "edges" | "flicker" | "together"
  *   | "adding"} Switch
@@ -47,8 +48,8 @@ const state = {
   /** True while the line between two pictures is dragged. */
   wiping: false,
   dragged: /** @type {Place | null} */ (null),
-  /** Where the hand put the mark before the desk answers: raw pixels or ground, as is shown. */
-  nudged: /** @type {Pair | null} */ (null),
+  /** Where the hand put the mark, until the desk is done with it. */
+  nudged: /** @type {Nudged | null} */ (null),
   drawn: { key: /** @type {string | null} */ (null), whole: false, at: 0 },
 };
 
@@ -99,16 +100,12 @@ function remember() {
   });
 }
 
-const placeOf = (/** @type {Point | null} */ point) =>
-  JSON.stringify([point?.key, point?.draft?.raw, point?.raw.measured]);
-
-/** @param {Point | null} fresh @param {boolean} refused true when the hand's last place was */
-export function comparePoint(fresh, refused = false) {
-  const before = state.point?.key.join("|");
-  // Other figures may come while the hand nudges on: only a new place is the answer to it.
-  const answered = refused || placeOf(fresh) !== placeOf(state.point);
-  Object.assign(state, { point: fresh, nudged: answered ? null : state.nudged });
-  if (fresh && before !== fresh.key.join("|")) {
+/** @param {Point | null} fresh */
+export function comparePoint(fresh) {
+  const isOther = state.point?.key.join("|") !== fresh?.key.join("|");
+  state.point = fresh;
+  if (isOther) state.nudged = null;
+  if (fresh && isOther) {
     const scale = state.view.scale || state.look.scale || defaultScale();
     showPoint(fresh, Math.min(scale, wholeEllipse(fresh)));
     lookAhead();
@@ -148,6 +145,7 @@ export function fitCompare() {
 /** @param {Switch} what */
 export function switchCompare(what) {
   if (isTogether() && !worksTogether(what)) return;
+  if (what === "raw") sendNudge.now();
   state.look[what] = !state.look[what];
   if (what === "together") state.look.adding = false;
   redraw();
@@ -173,24 +171,33 @@ export function compareState() {
  * @param {number} right @param {number} down
  */
 export function nudge(right, down) {
-  const { point, look: { raw } } = state;
+  const { point, look, nudged } = state;
   if (!point) return;
-  const from = state.nudged ?? (raw ? point.draft?.raw ?? point.raw.measured
-    : point.draft?.place ?? point.marks.measured);
-  const [unit, up] = raw ? [1, -1] : [point.scan.pixel, 1];
-  state.nudged = [from[0] + right * unit, from[1] - up * down * unit];
-  sendNudge(point.key, state.nudged, raw ? "scan" : "ground");
+  const [isRaw, hand] = [look.raw && (look.mode === "side" || look.blink), inBoth(nudged, point)];
+  const from = isRaw ? hand?.raw ?? point.draft?.raw ?? point.raw.measured
+    : hand?.ground ?? point.draft?.place ?? point.marks.measured;
+  const [unit, up] = isRaw ? [1, -1] : [point.scan.pixel, 1];
+  const at = [from[0] + right * unit, from[1] - up * down * unit];
+  state.nudged = { at, frame: isRaw ? "scan" : "ground" };
+  sendNudge(point.key, state.nudged);
   redraw();
 }
 
-const sendNudge = afterPause((/** @type {Key} */ key, /** @type {Pair} */ place,
-  /** @type {string} */ frame) => send({ kind: "place", key, frame, place }));
+/** @param {Key} key @param {Nudged} nudged */
+function sendNudged(key, nudged) {
+  send({ kind: "place", key, frame: nudged.frame, place: nudged.at }, () => {
+    if (state.nudged === nudged) state.nudged = null;
+    redraw();
+  });
+}
+const sendNudge = afterPause(sendNudged);
 
 // A verdict is about the place the hand has nudged to, though it has not paused yet.
 finishBefore(sendNudge.now);
 
 /** @param {string} mode */
 function setMode(mode) {
+  sendNudge.now();
   state.look.mode = mode;
   byId("panes").dataset.mode = mode;
   byId("swipe").hidden = mode === "side";
@@ -244,7 +251,7 @@ function drawAll() {
     drawMarks(pane, point);
   }
   if (look.together) whole = drawTogether(point, state.view.scale, look.wallis) && whole;
-  const measured = (state.nudged ?? point.draft?.place ?? point.marks.measured).join();
+  const measured = (state.nudged?.at ?? point.draft?.place ?? point.marks.measured).join();
   const drawn = { key: point.key.join("|"), state: point.state, measured, whole };
   state.drawn = { ...drawn, at: performance.now() };
 }
@@ -339,12 +346,9 @@ const measuredOn = (pane, point) =>
  * @param {Pane} pane @param {Point} point
  */
 function draftOn(pane, point) {
-  const { dragged, nudged, look } = state;
-  const { draft } = point;
-  if (dragged) return onScreen(pane, point, dragged.ground, dragged.raw);
-  if (!nudged) return draft && onScreen(pane, point, draft.place, draft.raw);
-  if (!look.raw) return onScreen(pane, point, nudged);
-  return onScreen(pane, point, mapped(inverse(rawFromGround(point)), nudged), nudged);
+  const hand = state.dragged ?? inBoth(state.nudged, point);
+  if (hand) return onScreen(pane, point, hand.ground, hand.raw);
+  return point.draft && onScreen(pane, point, point.draft.place, point.draft.raw);
 }
 
 /** @param {Pane} pane @param {Point} point */
@@ -419,26 +423,22 @@ function describe(pane, point, { ground, raw }) {
   return `${numbers(pixel, 1)} px`;
 }
 
-/** @param {Pane} pane @param {Place} at */
-const putMark = (pane, { ground, raw }) => ofOne(() => {
+/** @param {Place} place */
+const putMark = (place) => ofOne(() => {
   if (!state.point) return;
   // The draft stands there at once; the desk's answer puts it where it is kept.
-  state.nudged = raw ?? ground;
+  state.nudged = framed(place);
   redraw();
-  sendPlace(pane, state.point.key, state.nudged);
+  sendNudged(state.point.key, state.nudged);
 })();
-
-/** @param {Pane} pane @param {Key} key @param {Pair} place */
-const sendPlace = (pane, key, place) =>
-  send({ kind: "place", key, frame: showsRaw(pane) ? "scan" : "ground", place });
 
 /** In the ortho, in a blend too; or a detail of a scan. @param {Pane} pane @param {Pair} screen */
 function addPoint(pane, screen) {
-  const { ground, raw } = placeAt(pane, screen);
+  const place = placeAt(pane, screen);
   switchCompare("adding");
   const inOrtho = !takesPlace(pane, screen) || contentOf(pane) === "blend";
-  if (inOrtho) send({ kind: "add", place: ground });
-  else if (state.point) sendPlace(pane, ["", state.point.key[1]], raw ?? ground);
+  if (inOrtho) send({ kind: "add", place: place.ground });
+  else if (state.point) sendNudged(["", state.point.key[1]], framed(place));
 }
 
 /** @param {Pane} pane @param {Pair} screen */
@@ -472,13 +472,13 @@ const HAND = {
     state.wiping = false;
     state.dragged = screen && placeAt(pane, screen);
   },
-  drop: (pane) => state.dragged && putMark(pane, state.dragged),
+  drop: () => state.dragged && putMark(state.dragged),
   click: (pane, screen) => {
     if (state.look.adding) addPoint(pane, screen);
-    else if (takesPlace(pane, screen)) putMark(pane, placeAt(pane, screen));
+    else if (takesPlace(pane, screen)) putMark(placeAt(pane, screen));
   },
   // A mark is often wrong by less than it can be gripped at.
-  tap: (pane, screen) => state.wiping || putMark(pane, placeAt(pane, screen)),
+  tap: (pane, screen) => state.wiping || putMark(placeAt(pane, screen)),
   point: (pane, screen) => {
     state.pointer = screen && [pane, screen];
     const wipes = state.wiping || (screen !== null && onWipe(pane, screen[0]));

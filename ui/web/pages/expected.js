@@ -4,12 +4,26 @@ import { inverse, mapped, scaleOf } from "./view.js";
 import { start } from "./words.js";
 
 /** @typedef {(ground: Pair, raw: Pair | null) => Pair} OnScreen */
+/** @typedef {{ ground: Pair, raw: Pair | null }} Place raw: pixels, where the raw scan is shown */
+/** @typedef {{ at: Pair, frame: "scan" | "ground" }} Nudged a place in the frame it was put in */
 
 const CORNERS = 64; // design: an ellipse of a whole window looks round
 
 /** The ground about the point into the raw scan. @param {Point} point @returns {Affine} */
 export function rawFromGround({ raw, marks: { predicted: [east, north] } }) {
   return raw.matrix.map(([a, b], i) => [a, b, raw.predicted[i] - a * east - b * north]);
+}
+
+/** @param {Place} place @returns {Nudged} */
+export const framed = ({ ground, raw }) => (raw ? { at: raw, frame: "scan" }
+  : { at: ground, frame: "ground" });
+
+/** What a hand put in one frame, in both. @param {Nudged | null} nudged @param {Point} point */
+export function inBoth(nudged, point) {
+  if (!nudged) return null;
+  const [{ at, frame }, matrix] = [nudged, rawFromGround(point)];
+  return frame === "scan" ? { ground: mapped(inverse(matrix), at), raw: at }
+    : { ground: at, raw: mapped(matrix, at) };
 }
 
 /** The longer half axis of an ellipse, pixels of the scan. @param {number[][]} root */

@@ -1,7 +1,7 @@
 // Drafts of fiducials: where the hand has put a mark, until a key keeps or drops it.
 import { element, number, tip, word } from "./words.js";
 import { afterPause } from "./view.js";
-import { finishBefore, inTurn, send } from "./wire.js";
+import { finishBefore, send } from "./wire.js";
 
 const state = {
   told: /** @type {MarkDraft[]} */ ([]),
@@ -24,8 +24,7 @@ const tellLater = afterPause((
   /** @type {MarkDraft} */ hand, /** @type {() => void} */ answered,
 ) => {
   const { photo, name, place } = hand;
-  send({ kind: "mark", photo, name, place });
-  inTurn(() => {
+  send({ kind: "mark", photo, name, place }, () => {
     if (state.hand === hand) state.hand = null;
     answered();
   });

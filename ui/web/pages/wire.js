@@ -14,6 +14,8 @@ const state = {
   /** What was asked for behind a gesture that the desk is not done with. */
   turns: /** @type {(() => unknown)[]} */ ([]),
   taking: false,
+  /** What is done after a gesture: its number, Infinity until it is sent. */
+  after: /** @type {Map<() => void, number>} */ (new Map()),
   elsewhere: false,
   finish: /** @type {(() => void)[]} */ ([]),
 };
@@ -29,20 +31,37 @@ export const isAhead = () => state.turns.length > 0 || state.answered < state.se
 /** True until what was sent has shown which point it leads to: nothing is decided about it. */
 export const isElsewhere = () => state.elsewhere && isAhead();
 
-/** A gesture to the desk; true when the wire was open. @type {Send} */
-export function send(message) {
+/**
+ * A gesture to the desk; true when the wire was open. What is to be done after it is done once the
+ * desk is done with it, or it is lost; no other gesture waits for that.
+ * @type {Send}
+ */
+export function send(message, after) {
   finish();
+  if (after) state.after.set(after, Infinity);
   state.elsewhere ||= ELSEWHERE.includes(`${message.kind}`);
-  if (state.turns.length && !state.taking) return Boolean(state.turns.push(() => send(message)));
+  if (state.turns.length && !state.taking) return queued(message, after);
   if (!isOpen()) {
     state.receive({ notices: [{ text: "notice.wire", values: {}, grave: true }] });
+    if (after && state.after.delete(after)) after();
     return false;
   }
   state.socket?.send(JSON.stringify(message));
   // A clock: greater than any number of a page that sat here before.
   state.sent = Math.max(state.sent + 1, Date.now());
   state.socket?.send(JSON.stringify({ kind: "answer", number: state.sent }));
+  if (after) state.after.set(after, state.sent);
   return true;
+}
+
+/** @type {Send} */
+const queued = (message, after) => state.turns.push(() => send(message, after)) > 0;
+
+/** @param {number} answered number of the last gesture that the desk is done with */
+function takeAfter(answered) {
+  for (const [act, number] of state.after) {
+    if (number <= answered && state.after.delete(act)) act();
+  }
 }
 
 /** About what is shown once the desk is done with all before it. @param {() => unknown} act */
@@ -112,12 +131,14 @@ function openSocket() {
     state.answered = answered;
     state.receive(message);
     if (!isAhead()) state.elsewhere = false;
+    takeAfter(answered);
     takeTurns();
   };
   socket.onclose = () => {
     showWire(false);
     if (isAhead()) state.receive({ notices: [{ text: "notice.wire", values: {}, grave: true }] });
     Object.assign(state, { answered: state.sent, turns: [] });
+    takeAfter(Infinity);
     tryLater();
   };
 }
