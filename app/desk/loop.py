@@ -364,28 +364,28 @@ class ReviewLoop:
         self._screen.tell(seat.seat_id, turn_notice(act, touched.decision, key, len(made)))
 
     def _take_measured(self, event: Measured) -> None:
-        """Record or draft what was measured, unless somebody decided about it meanwhile."""
+        """Record or draft it, unless somebody decided meanwhile; told is of a draft in sight."""
         decision, notice, seat = event.decision, event.notice, self._seat(event.seat_id)
         if isinstance(decision, AddPoint):
             # Two may have been asked for before either was found: the second has the next name.
             decision = with_name(decision, next_name(ORTHO, self._now))
-            notice = notice_of_point(decision)
             best = max(decision.measured, key=lambda item: item.score)
+            notice = replace(notice_of_point(decision), draft=best.key)
             accepted = Accept(*best.key, best.column, best.row)
             seat = replace(seat, current=best.key, explaining=())
             seat = seat.with_draft(Draft(best.key, accepted, decision))
             seat, decision = keep_seat_up(seat, self._seen_by(seat).rows), None
         elif isinstance(decision, Place | PlaceFiducial):
             drafted = with_measured(seat, decision, event.since)
-            newer = self._now.recorded[event.known :]
-            if drafted is None or is_overtaken(decision, newer):
+            if drafted is None or is_overtaken(decision, self._now.recorded[event.known :]):
                 self._screen.tell(event.seat_id, Notice("notice.overtaken"))
                 return
             seat, decision = drafted, None
         if decisions := (*((decision,) if decision else ()), *event.more):
             self._record(decisions, seat)
         self._now = self._now.with_seat(seat)
-        self._screen.tell(event.seat_id, notice)
+        if notice.draft in (None, seat.current):
+            self._screen.tell(event.seat_id, notice)
 
     def _take_proposals(self, event: Proposed) -> None:
         """Show where other photos show a point, in the place of what was found before."""

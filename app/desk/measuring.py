@@ -174,7 +174,7 @@ class MeasuringTool:
         # A second reading stays one: what has a sigma of its own was measured by the program.
         sigma = sigma if state is desk.state else None
         decision = Place(*key, place.column, place.row, sigma)
-        return Measured(seat_id, decision, Notice(text, values), draft, known)
+        return Measured(seat_id, decision, Notice(text, values, draft=key), draft, known)
 
     def _by_photos(
         self, state: DeskState, start: Measurement, others: Sequence[Measurement]

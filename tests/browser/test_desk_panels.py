@@ -98,6 +98,8 @@ def test_a_decision_of_the_history_is_taken_back_by_its_button__truth(sit):
     page.wait_for_function("gruber.parts.status.decided === 1")
     assert state_of(page, first) == "auto"
     page.wait_for_selector("#history li.withdrawn")
+    assert "UTC" in page.inner_text("#history h3")
+    assert " UTC" in page.get_attribute("#history li", "title")
     page.click("#history button")
     page.wait_for_function("gruber.parts.status.decided === 2")
     assert state_of(page, first) == "dubious"

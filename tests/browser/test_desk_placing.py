@@ -1,13 +1,18 @@
-"""How exactly a click places a point: dots of known place, eight screen pixels for one."""
+"""How exactly a click or an arrow places a point, and what the screen shows meanwhile."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from app.desk.measuring import Measured
 from app.desk.wiring import open_desk
+from sessions.decisions import Place
 from sessions.session import Session
-from tests.browser.hands import accept, gone_on
+from tests.browser.hands import accept, caught_up, current, gone_on, wire_cut
 from tests.ui.desk_block import desk_inputs
+from ui.review.state import Draft, Notice
 
 STEP, OFFSET, ZOOM = 16, np.array([0.37, 0.61]), 8.0
 CENTROID = """([x, y]) => {
@@ -25,6 +30,8 @@ CENTROID = """([x, y]) => {
 
 SCALE = """() => { const s = gruber.compareState(); const [[a, b], [c, d]] = s.point.raw.matrix;
   return s.view.scale / Math.sqrt(Math.abs(a * d - b * c)); }"""
+PLACE = "gruber.compareState().drawn.measured"
+DRAFTED = "gruber.parts.point.draft"
 MIDDLE = """() => {
   const { point: { raw, marks }, view } = gruber.compareState();
   const [[a, b], [c, d]] = raw.matrix;
@@ -86,3 +93,103 @@ def placed_error(page) -> float:
     page.wait_for_function("gruber.parts.point.draft")
     settled_place = page.evaluate("gruber.parts.point.draft.raw")
     return float(np.hypot(*(np.array(settled_place) - dot)))
+
+
+def test_a_mark_nudged_where_no_draft_comes_of_it_goes_back__law(sit, desk):
+    """It stayed until another point was shown, and a verdict was about the old place."""
+    for url, lost in ((desk.guest_url, nullcontext), (desk.url, wire_cut)):
+        page = sit(url, scene=False)
+        page.wait_for_function("gruber.compareState().drawn.whole")
+        before = page.evaluate(PLACE)
+        with lost(page):
+            page.keyboard.press("Shift+ArrowRight")
+            page.wait_for_function(f"before => {PLACE} !== before", arg=before)
+            page.wait_for_selector(".notice")
+            page.wait_for_function(f"before => {PLACE} === before", arg=before, timeout=9000)
+        assert not page.evaluate(DRAFTED)
+
+
+def test_a_mark_follows_the_hand_and_never_leaps_back__law(sit):
+    page = sit(scene=False)
+    page.wait_for_function("gruber.compareState().drawn.whole")
+    page.evaluate(f"""() => {{
+      window.seen = [];
+      const look = () => {{
+        seen.push(Number({PLACE}.split(",")[0]));
+        requestAnimationFrame(look);
+      }};
+      look();
+    }}""")
+    for pause in (0, 0, 380, 20, 400, 30, 60, 0):
+        page.keyboard.press("Shift+ArrowRight")
+        page.wait_for_timeout(pause)
+    page.wait_for_timeout(500)
+    caught_up(page)
+    page.wait_for_function("!gruber.parts.status.adjusting")
+    east = np.array(page.evaluate("seen"))
+    steps = (east - east[0]) / page.evaluate("gruber.parts.point.scan.pixel")
+    assert steps[-1] == pytest.approx(8, abs=0.01)
+    assert np.diff(steps).min() > -0.01
+
+
+def test_a_nudge_stays_in_its_frame_whatever_is_shown_next__law(sit):
+    """Ground coordinates were sent as pixels of the scan."""
+    page = sit(scene=False)
+    page.locator('.row[data-key*="|1938_02"]').first.click()
+    page.wait_for_function("gruber.parts.point.key[1].startsWith('1938_02')")
+    caught_up(page)
+    raw, place = page.evaluate(
+        "(({ raw, marks }) => [raw.measured, marks.measured])(gruber.parts.point)"
+    )
+    for key in ("Shift+ArrowRight", "r", "Shift+ArrowDown"):
+        page.keyboard.press(key)
+    page.wait_for_timeout(600)
+    caught_up(page)
+    # On the way back the photo was flown upside down.
+    moved = np.subtract(page.evaluate(f"{DRAFTED}.raw"), raw)
+    assert moved == pytest.approx([-1, 1], abs=0.1)
+    page.keyboard.press("Escape")
+    page.wait_for_function(f"!{DRAFTED}")
+    # Beside each other with the ortho the scan lies as the ground does.
+    page.click('[data-mode="blend"]')
+    page.keyboard.press("Shift+ArrowRight")
+    page.wait_for_function(DRAFTED)
+    moved = np.subtract(page.evaluate(f"{DRAFTED}.place"), place)
+    assert moved == pytest.approx([page.evaluate("gruber.parts.point.scan.pixel"), 0], abs=0.01)
+
+
+def test_notices_of_a_draft_follow_one_another_and_go_with_it__law(sit, desk):
+    """Two equal ones stood there, and lay over the next point once the draft was kept."""
+    page = sit(scene=False)
+    point, photo = key = tuple(current(page).split("|"))
+    seat = page.evaluate("sessionStorage.getItem('gruber.seat')")
+    column, row = page.evaluate("gruber.parts.point.raw.measured")
+    since = None
+    for distance in ("0.10", "0.00"):
+        values = {"distance": distance, "column": distance, "row": "+0.00"}
+        place = Place(point, photo, column + 0.1, row)
+        told = Notice("notice.refined", values, draft=key)
+        desk.loop.submit(Measured(seat, place, told, since))
+        page.wait_for_selector(f".notice:has-text('{distance}')")
+        since = Draft(key, place)
+    page.wait_for_function(DRAFTED)
+    assert page.locator(".notice").count() == 1
+    accept(page)
+    gone_on(page, f"{point}|{photo}")
+    assert page.locator(".notice").all_inner_texts() == []
+
+
+def test_what_a_draft_leaves_out_is_said_once__law(sit):
+    page = sit(scene=False)
+    page.keyboard.press("Shift+ArrowRight")
+    page.wait_for_function(f"{DRAFTED} && gruber.parts.point.trial")
+    said = page.evaluate("""async () => {
+      const { showPoint } = await import("/pages/point.js");
+      const { askAbout } = await import("/pages/asked.js");
+      const { point } = gruber.parts;
+      const told = { ...point, trial: { ...point.trial, out: [["J102", "1938_01_015"]] } };
+      showPoint(told);
+      askAbout(told);
+      return document.body.innerText;
+    }""")
+    assert said.count("leaves out") == 1

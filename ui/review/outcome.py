@@ -347,7 +347,8 @@ def _begin(seat: Seat, desk: DeskSnapshot, photo_id: str, pixel: PixelPoints) ->
     after = begun(seat, desk, photo_id, pixel)
     if after is None or after.current is None:
         return _outside(seat, photo_id)
-    return Outcome(after, notice=Notice("notice.begun", {"what": after.current[0]}))
+    told = Notice("notice.begun", {"what": after.current[0]}, draft=after.current)
+    return Outcome(after, notice=told)
 
 
 def _drafted(seat: Seat, decision: Place | ChoosePeak) -> Outcome:
@@ -369,7 +370,8 @@ def _switch_role(gesture: RoleSwitched, seat: Seat, desk: DeskSnapshot) -> Outco
     if gesture.point_id in desk.state.extra.kinds:
         return Outcome(seat, notice=Notice("notice.yes-or-no"))
     if gesture.point_id in seat.begun:
-        return Outcome(seat, notice=Notice("notice.only-draft", {"what": gesture.point_id}))
+        told = Notice("notice.only-draft", {"what": gesture.point_id}, draft=seat.current)
+        return Outcome(seat, notice=told)
     point = desk.state.block.surveyed.get(gesture.point_id)
     if point is None:
         return Outcome(seat)

@@ -67,7 +67,12 @@ def queue_part(
 
 def notice_part(notice: Notice) -> Part:
     """A message; the page puts the values into the sentence of its language."""
-    return {"text": notice.text, "values": dict(notice.values), "grave": notice.grave}
+    return {
+        "text": notice.text,
+        "values": dict(notice.values),
+        "grave": notice.grave,
+        "draft": notice.draft,
+    }
 
 
 def scene_part(seat: Seat, state: DeskState, away: Mapping[Key, Misfit]) -> Part:

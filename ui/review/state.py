@@ -251,6 +251,8 @@ class Notice:
     """What stands in its places."""
     grave: bool = False
     """True when something went wrong."""
+    draft: Key | None = None
+    """The draft that it is about: it goes with that one."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,7 @@ def refusal(
     if verdict == "accept" and seat.draft_of(key):
         return None
     if verdict != "accept" and key[0] in seat.begun:
-        return Notice("notice.only-draft", {"what": key[0]})
+        return Notice("notice.only-draft", {"what": key[0]}, draft=key)
     if notice := not_measured(shown, measurement, verdict):
         return notice
     return Notice("notice.read-first") if is_blind(state, seat, key) else None

@@ -45,7 +45,7 @@ from ui.review.gestures import (
     Undone,
 )
 from ui.review.mark_gestures import MarkPlaced
-from ui.review.state import DeskState, Notice
+from ui.review.state import DeskState, Draft, Notice
 
 
 def tiny_keys(desk: Any):
@@ -286,6 +286,15 @@ def test_what_enter_refined_is_a_draft_until_it_is_kept__law(desk: Any):
     desk.glass.until(lambda glass: glass.parts["anna-1"]["point"]["draft"])
     assert desk.glass.row(first)[3] == "auto"
     assert desk.session.decisions() == ()
+    # Of a draft that is no longer in sight nothing is told: over another point it would be false.
+    desk.loop.submit(Stepped("anna-1", 1))
+    desk.glass.until(lambda glass: glass.current() != first)
+    again, since = replace(place, column=place.column + 1), Draft(first, place)
+    told = Notice("notice.refined.photos", draft=first)
+    desk.loop.submit(Measured("anna-1", again, told, since))
+    desk.loop.submit(Undone("anna-1"))
+    desk.glass.until(lambda glass: ("anna-1", "notice.nothing-to-undo") in glass.notices)
+    assert ("anna-1", told.text) not in desk.glass.notices
 
 
 def test_drafts_are_there_when_the_desk_is_opened_anew__law(tmp_path: Any):

@@ -142,6 +142,7 @@ def test_enter_moves_the_measurement_onto_the_peak_and_says_how_far__law():
         measured.sigma_px,
     )
     assert (found.notice.text, found.notice.values["distance"]) == ("notice.refined", "1.00")
+    assert found.notice.draft == key
     flat = MeasuringTool(lambda *_: Failure("the point is not in this photo"))
     refused = flat(Refined("anna-1", key), desk, print)
     assert (refused.decision, refused.notice.text) == (None, "notice.not-refined")

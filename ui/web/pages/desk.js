@@ -322,6 +322,7 @@ function label(button, text, mark) {
 function receive(message) {
   const { notices = [], ...fresh } = message;
   const { parts, wanted } = state;
+  const drafted = draftIn(parts.point);
   const rows = mergeRows(parts.rows ?? [], fresh);
   if (rows) fresh.rows = rows;
   Object.assign(parts, fresh);
@@ -354,12 +355,12 @@ function receive(message) {
   if (fresh.sight) showSight(fresh.sight);
   const point = parts.point ?? null;
   if ("point" in fresh) {
+    if (drafted !== draftIn(point)) forget(({ dataset }) => dataset.draft === drafted);
     showPoint(point);
     askAbout(point);
     comparePoint(point);
   }
   notices.forEach(tell);
-  if (notices.some((notice) => notice.grave)) comparePoint(point, true);
   if (!isAhead()) state.deciding = false;
   if (!state.begun) begin();
   if (wanted) comeBack(wanted);
@@ -402,14 +403,31 @@ function comeBack({ key, filter, sort, reopened }) {
   if (key) send({ kind: "select", key });
 }
 
-/** What went wrong stays until it is clicked away, or a while. @param {Notice} notice */
-function tell({ text: name, values, grave }) {
+/** The draft in sight, as its notices name it. @param {Point | null} [point] */
+const draftIn = (point) => (point?.draft ? point.key.join("|") : "");
+
+/**
+ * Notices that hold no longer go; returned is where the others are.
+ * @param {(box: HTMLElement) => unknown} isOver
+ */
+function forget(isOver) {
+  // A sheet that was drawn anew may have thrown them out of the page.
+  state.notices ??= byId("notices");
+  for (const box of all(".notice", state.notices)) if (isOver(box)) box.remove();
+  return state.notices;
+}
+
+/**
+ * What went wrong stays until it is clicked away, or a while; what is said of a draft goes with it.
+ * @param {Notice} notice
+ */
+function tell({ text: name, values, grave, draft }) {
   const text = word(name, values);
-  // A sheet that was drawn anew may have thrown it out of the page.
-  const notices = (state.notices ??= byId("notices"));
-  [...notices.children].find((box) => box.textContent === text)?.remove();
+  const of = draft?.join("|") ?? null;
+  const notices = forget((old) => old.textContent === text || (of && old.dataset.draft === of));
   const kind = `notice${grave ? " grave" : ""}`;
-  const box = element("div", { class: kind, onclick: () => box.remove() }, text);
+  const away = () => box.remove();
+  const box = element("div", { class: kind, "data-draft": of, onclick: away }, text);
   // What is to be seen over an open sheet must lie in it.
   (document.querySelector("dialog[open]") ?? document.body).append(notices);
   notices.append(box);

@@ -81,7 +81,7 @@ function thread({ id, open, said }) {
   };
   const turn = open ? "fault.close" : "fault.open-again";
   const lines = said.map(({ who, when, words, closes }) => element("p", {},
-    element("b", {}, who), ` ${moment(when)} `, closes === null ? ""
+    element("b", {}, who), ` ${moment(when)} UTC `, closes === null ? ""
       : `${word(closes ? "fault.closed" : "fault.open")} `, words));
   return element("div", { class: "fault-thread" }, ...lines, element("div",
     { class: "acts fault-form" }, field("answer", "remark.words"),

@@ -74,7 +74,8 @@ function showHistory(point) {
   if (!point) return room.replaceChildren();
   const { key, history } = point;
   const lines = history.map(({ id, when, who, what, detail, stands, by }) => {
-    const title = by ? `${moment(when)} \u00b7 ${word("history.by", { who: by })}` : moment(when);
+    const title = [`${moment(when)} UTC`, ...by ? [word("history.by", { who: by })] : []]
+      .join(" \u00b7 ");
     const turn = stands ? "history.back" : "history.again";
     const back = () => send({ kind: "back", decision: id, again: !stands });
     const button = { class: "small", title: word(`${turn}.tip`), onclick: back,
@@ -225,7 +226,9 @@ function showTrial({ draft, figures, idle, key, others, role, state, trial }) {
   else {
     const [now, sigma] = [number(trial.now, 3), number(trial.sigma, 3)];
     const values = { now, sigma, shift: number(trial.shift, 2), photo: shortName(trial.photo) };
-    lines.push(word("trial.sigma", values), word("trial.shift", values), ...leftOut(trial));
+    lines.push(word("trial.sigma", values), word("trial.shift", values));
+    // Of a draft the question above the buttons says it.
+    if (!draft) lines.push(...leftOut(trial));
   }
   showEffect(title, lines);
   const beside = (trial?.neighbours ?? []).map(([name, , now, then]) => {
