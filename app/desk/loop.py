@@ -288,7 +288,7 @@ class ReviewLoop:
         """What a gesture comes to: the decision on the disk before anything else."""
         before = still_asked(self._seat(gesture.seat_id), gesture)
         outcome = outcome_of(gesture, before, self._seen_by(before))
-        seat = outcome.seat
+        seat = outcome.seat.once_decided() if outcome.decisions else outcome.seat
         if outcome.decisions:
             self._record(outcome.decisions, seat)
         elif seat.begun or before.begun:

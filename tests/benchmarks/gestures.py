@@ -176,7 +176,7 @@ def kept(hand: Hand, yes: Hand, draft: str = POINT_DRAFT) -> Hand:
         aimed = "gruber.parts.point.key" if draft == POINT_DRAFT else "[]"
         page.evaluate(f"window.aimed = {aimed}")
         yes(page)
-        page.wait_for_function(f"!{draft} || {draft}.asking")
+        page.wait_for_function(f"(!{draft} || {draft}.asking) && !gruber.isAhead()")
         if page.evaluate(draft):
             yes(page)
 

@@ -299,3 +299,38 @@ def test_an_older_answer_does_not_undo_the_last_filter__law(overheard: Any) -> N
     # Nothing is awaited any more: the desk's word counts.
     page.evaluate(f"() => {{ window.told.queue.filter.role = ''; ({ARRIVES})(); }}")
     assert page.input_value("#sieve-role") == ""
+
+
+def test_a_question_is_answered_only_once_it_is_read__law(page: Any, real_desk: RealDesk) -> None:
+    """Y and Y without a pause kept a draft at 30 sigma; so did a double click on *Keep*."""
+    box = page.locator('.pane[data-pane="right"]').bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2 + 60, box["y"] + box["height"] / 2 - 60)
+    page.wait_for_function("gruber.parts.point.draft && !gruber.isAhead()")
+    before = len(real_desk.session.decisions())
+    for _ in range(8):
+        page.keyboard.press("y")
+    page.wait_for_function("gruber.parts.point.draft?.asking && !gruber.isAhead()")
+    assert len(real_desk.session.decisions()) == before
+    page.locator("[data-answer='draft.keep']").evaluate(
+        "e => e.dispatchEvent(new MouseEvent('click', { detail: 2, bubbles: true }))"
+    )
+    settled(page)
+    assert len(real_desk.session.decisions()) == before
+    page.keyboard.press("y")
+    page.wait_for_function("!gruber.parts.point.draft")
+    settled(page)
+    assert len(real_desk.session.decisions()) == before + 1
+
+
+def test_a_double_click_decides_once__law(page: Any, real_desk: RealDesk) -> None:
+    """The second click judged the point that came next, which nobody had seen."""
+    before = len(real_desk.session.decisions())
+    first = page.evaluate("gruber.parts.point.key.join('|')")
+    button = page.locator("[data-act=reject]")
+    button.click()
+    page.wait_for_function(
+        "first => gruber.parts.point.key.join('|') !== first && !gruber.isAhead()", arg=first
+    )
+    button.evaluate("e => e.dispatchEvent(new MouseEvent('click', { detail: 2, bubbles: true }))")
+    settled(page)
+    assert len(real_desk.session.decisions()) == before + 1

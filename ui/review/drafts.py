@@ -36,25 +36,37 @@ def apply_draft(state: DeskState, draft: Draft) -> DeskState:
     return replace(state, block=block)
 
 
-def draft_ratio(state: DeskState, draft: Draft) -> float:
-    """How far a draft lies from where the block expects its point, in standard deviations."""
+def draft_ratio(state: DeskState, draft: Draft, tested: float | None = None) -> float:
+    """How far a draft lies from where the block expects its point, in standard deviations.
+
+    Args:
+        state: The desk.
+        draft: The draft.
+        tested: What the block adjusted with it says of it, where that is known and against it.
+    """
     expected = state.to_measure.predictions.get(draft.key)
     placed = apply_draft(state, draft).measurement_of(draft.key)
     if expected is not None and placed is not None and state.is_waiting(draft.key):
         return expected.sigmas_away(placed.column, placed.row, placed.sigma_px)
+    if tested is not None:
+        return tested
     misfit = misfits(apply_draft(state, draft), (draft.key,)).get(draft.key)
     return misfit.ratio if misfit else 0.0
 
 
 def is_to_be_asked(
-    state: DeskState, seat: Seat, draft: Draft, recorded: Sequence[Recorded]
+    state: DeskState,
+    seat: Seat,
+    draft: Draft,
+    recorded: Sequence[Recorded],
+    tested: float | None = None,
 ) -> bool:
     """True for a draft that contradicts block or colleague and was not accepted once already."""
     if seat.asking == draft:
         return False
     if opponent_of(draft.key, seat.operator, recorded):
         return True
-    return draft_ratio(state, draft) > ASKING_SIGMA
+    return draft_ratio(state, draft, tested) > ASKING_SIGMA
 
 
 def opponent_of(key: Key, operator: str, recorded: Sequence[Recorded]) -> str:

@@ -273,21 +273,21 @@ def turn_notice(act: str, decision: Decision, key: Key | None, count: int) -> No
     return Notice(f"notice.{act}.{name}", {"what": about, **places})
 
 
-def taken_back_for(
-    reasons: Sequence[Reject], operator: str, recorded: Sequence[Recorded]
-) -> tuple[Withdraw, ...]:
-    """What takes back an operator's rejections, where they stand, to give them their reasons."""
+def own_rejections(
+    keys: Collection[Key], operator: str, recorded: Sequence[Recorded]
+) -> dict[Key, int]:
+    """Numbers of an operator's rejections, of those measurements where they are the last word."""
     last = {
         (item.decision.point_id, item.decision.photo_id): item
         for item in standing(recorded)
         if isinstance(item.decision, PhotoDecision)
     }
-    found = [last.get((one.point_id, one.photo_id)) for one in reasons]
-    return tuple(
-        Withdraw(item.decision_id)
-        for item in found
-        if item and item.who == operator and isinstance(item.decision, Reject)
-    )
+    found = {key: last[key] for key in keys if key in last}
+    return {
+        key: item.decision_id
+        for key, item in found.items()
+        if item.who == operator and isinstance(item.decision, Reject)
+    }
 
 
 def _detail(decision: Decision) -> tuple[str, dict[str, str | int]]:

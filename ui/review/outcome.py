@@ -17,6 +17,7 @@ from sessions.decisions import (
     PlaceFiducial,
     Reject,
     SetRole,
+    Withdraw,
 )
 from ui.review import mosaic, sight
 from ui.review.check_gestures import BlockSigned, CheckRead, Remarked, Reviewed
@@ -60,7 +61,7 @@ from ui.review.gestures import (
     Undone,
     VectorsScaled,
 )
-from ui.review.history import taken_back, taken_back_for
+from ui.review.history import own_rejections, taken_back
 from ui.review.mark_gestures import MarkDropped, MarkGesture, MarkJudged, MarkPlaced
 from ui.review.new_points import begun
 from ui.review.picture import Part
@@ -107,8 +108,10 @@ class Outcome:
 def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """What a gesture of one seat comes to now."""
     match gesture:
-        case Judged() | JudgedTogether():
-            return _judge(gesture, seat, desk)
+        case Judged():
+            return _judge_one(gesture, seat, desk)
+        case JudgedTogether():
+            return _judge_together(gesture, seat, desk)
         case Explained():
             return _explain(gesture, seat, desk)
         case PlacedInScan() | PlacedOnGround() | PeakChosen():
@@ -145,13 +148,12 @@ def _act(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return Outcome(seat, act="free")
         case AnswerAsked():
             return Outcome(seat, act="answer")
-        case Undone() if not seat.sheet and (draft := seat.draft_of(seat.current)):
+        case Undone() if not seat.sheet and (draft := seat.latest_draft()):
             # What was done last is taken back first.
             return Outcome(seat.without_draft(draft.key))
-        case Undone():
-            return Outcome(replace(seat, explaining=()), act="undo")
-        case Redone():
-            return Outcome(replace(seat, explaining=()), act="redo")
+        case Undone() | Redone():
+            act = "undo" if isinstance(gesture, Undone) else "redo"
+            return Outcome(replace(seat, explaining=()), act=act)
         case RemakeAsked():
             return Outcome(seat, act="remake")
         case RemakeCancelled(filling=filling):
@@ -161,13 +163,6 @@ def _act(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return Outcome(seat, act="fit whole" if whole else "fit current")
         case _:
             return Outcome(_moved(gesture, seat, desk))
-
-
-def _judge(gesture: Judged | JudgedTogether, seat: Seat, desk: DeskSnapshot) -> Outcome:
-    """A verdict on one measurement, or the same on several as one act."""
-    if isinstance(gesture, JudgedTogether):
-        return _judge_together(gesture, seat, desk)
-    return _judge_one(gesture, seat, desk)
 
 
 def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
@@ -180,7 +175,7 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
         return Outcome(seat, notice=notice)
     extra, begins = key in desk.state.extra.measurements, seat.begun.get(key[0])
     draft = seat.draft_of(key) if verdict == "accept" else None
-    if draft and is_to_be_asked(desk.state, seat, draft, desk.recorded):
+    if draft and _is_asked(draft, seat, desk):
         return Outcome(replace(seat, asking=draft))
     stands = not draft and standing_verdict(measurement) == verdict
     here = key == seat.current
@@ -207,6 +202,12 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
     return Outcome(after, (begins, decided) if begins else (decided,), notice=notice)
 
 
+def _is_asked(draft: Draft, seat: Seat, desk: DeskSnapshot) -> bool:
+    trial = desk.trials.get(draft)
+    tested = trial.against if trial else None
+    return is_to_be_asked(desk.state, seat, draft, desk.recorded, tested)
+
+
 def _lies_against(key: Key, desk: DeskSnapshot) -> bool:
     """True for a measurement that nobody accepted yet and that contradicts the block."""
     state, measurement = desk.state, desk.state.measurement_of(key)
@@ -222,7 +223,7 @@ def _judge_together(gesture: JudgedTogether, seat: Seat, desk: DeskSnapshot) -> 
     drafts, far, looked_at, moved = 0, 0, seat.current, False
     for key in sorted(gesture.keys, key=lambda key: seat.order.index(key)):
         draft = seat.draft_of(key) if gesture.verdict == "accept" else None
-        if draft and is_to_be_asked(desk.state, seat, draft, desk.recorded):
+        if draft and _is_asked(draft, seat, desk):
             drafts += 1
             continue
         if gesture.verdict == "accept" and not draft and _lies_against(key, desk):
@@ -260,13 +261,15 @@ def _next_open(seat: Seat, desk: DeskSnapshot, done: Sequence[Key] = ()) -> Key 
 
 
 def _explain(gesture: Explained, seat: Seat, desk: DeskSnapshot) -> Outcome:
-    """Rejections with their reason, in place of those just made: one act."""
-    if not seat.explaining or not 1 <= gesture.digit <= len(REASONS):
+    """Rejections with their reason, in place of those just made, where they stand: one act."""
+    made = own_rejections(seat.explaining, seat.operator, desk.recorded)
+    seat = replace(seat, explaining=())
+    if not made or not 1 <= gesture.digit <= len(REASONS):
         # What was done last, before the page heard of it, has closed the question.
         return Outcome(seat, notice=Notice("notice.no-reason"))
-    decided = tuple(Reject(*key, reason=REASONS[gesture.digit - 1]) for key in seat.explaining)
-    replaced = taken_back_for(decided, seat.operator, desk.recorded)
-    return Outcome(replace(seat, explaining=()), (*replaced, *decided))
+    reason = REASONS[gesture.digit - 1]
+    replaced = (Withdraw(number) for number in made.values())
+    return Outcome(seat, (*replaced, *(Reject(*key, reason=reason) for key in made)))
 
 
 def _mark(
@@ -489,7 +492,7 @@ def _moved(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Seat:
             )
             return replace(seat, current=current or seat.current)
         case Selected(key=key) if key in desk.rows:
-            return replace(seat, current=key)
+            return showing(seat, desk.rows, key)
         case Sorted(column=column, descending=descending):
             sorting = Sorting(column, descending)
             return replace(seat, sorting=sorting, order=sort_keys(desk.rows.values(), sorting))

@@ -169,6 +169,8 @@ class Seat:
     """The measurements just rejected, whose reason a digit may still give."""
     drafts: tuple[Draft, ...] = ()
     """Places not decided yet, one for a measurement at most."""
+    older: frozenset[Key] = frozenset()
+    """Measurements whose draft was made before the last decision: undo takes that back first."""
     marks: tuple[PlaceFiducial, ...] = ()
     """Drafts of fiducials, by hand or snapped, one for each at most."""
     asking: Draft | PlaceFiducial | None = None
@@ -188,6 +190,10 @@ class Seat:
         """The draft about a measurement."""
         return next((draft for draft in self.drafts if draft.key == key), None)
 
+    def latest_draft(self) -> Draft | None:
+        """The draft about what is looked at, if nothing was decided since it was made."""
+        return None if self.current in self.older else self.draft_of(self.current)
+
     @property
     def begun(self) -> dict[str, AddPoint]:
         """New points that are nothing but drafts so far, by name."""
@@ -200,7 +206,12 @@ class Seat:
     def with_draft(self, draft: Draft) -> "Seat":
         """The seat with a draft in the place of an earlier one about the same measurement."""
         draft = replace(draft, begins=draft.begins or self.begun.get(draft.key[0]))
-        return replace(self, drafts=(*self.without_draft(draft.key).drafts, draft))
+        drafts = (*self.without_draft(draft.key).drafts, draft)
+        return replace(self, drafts=drafts, older=self.older - {draft.key})
+
+    def once_decided(self) -> "Seat":
+        """The seat once a decision was made: the drafts that are left are older than it."""
+        return replace(self, older=frozenset(draft.key for draft in self.drafts))
 
     def with_recorded(self, name: str) -> "Seat":
         """The seat once a new point is on disk: its other drafts are about a point that exists."""

@@ -278,6 +278,18 @@ def test_a_draft_is_shown_with_its_effect_and_is_not_on_disk__law(desk: Any):
     assert desk.glass.row(first)[7] is None
 
 
+def test_undo_takes_back_the_decision_that_is_newer_than_the_draft__law(desk: Any):
+    first, second = list(tiny_block().block.measurements)[:2]
+    column, row = tiny_block().block.measurements[first].pixel[0] + 0.1
+    desk.loop.submit(PlacedInScan("anna-1", first, float(column), float(row)))
+    desk.loop.submit(Judged("anna-1", second, "reject"))
+    desk.settled(1)
+    desk.loop.submit(Selected("anna-1", first))
+    desk.loop.submit(Undone("anna-1"))
+    desk.settled(0)
+    assert desk.glass.status()["drafts"] == 1
+
+
 def test_what_enter_refined_is_a_draft_until_it_is_kept__law(desk: Any):
     first = desk.glass.current()
     item = tiny_block().block.measurements[first]

@@ -29,10 +29,10 @@ from ui.review.history import (
     KEPT,
     history_of,
     key_of,
+    own_rejections,
     record_line,
     shifts_m,
     subject_of,
-    taken_back_for,
     touched_by,
     turn_back,
     turn_notice,
@@ -126,12 +126,11 @@ def test_the_measurement_a_decision_is_about__truth():
 
 
 def test_a_reason_replaces_the_own_rejection_that_stands__law():
-    plain, reason = Reject(*KEY, "other"), (Reject(*KEY, "hidden"),)
-    other = Reject("J102", "a", "hidden")
-    assert taken_back_for(reason, "anna", said(Accept(*KEY), plain, other)) == (Withdraw(2),)
-    assert taken_back_for(reason, "berta", said(plain)) == ()
+    plain, other = Reject(*KEY, "other"), Reject("J102", "a", "hidden")
+    assert own_rejections((KEY,), "anna", said(Accept(*KEY), plain, other)) == {KEY: 2}
+    assert own_rejections((KEY,), "berta", said(plain)) == {}
     for recorded in (said(other), said(plain, Withdraw(1)), said(plain, Accept(*KEY))):
-        assert taken_back_for(reason, "anna", recorded) == ()
+        assert own_rejections((KEY,), "anna", recorded) == {}
 
 
 def test_the_first_adjustment_is_kept_for_good__law():

@@ -11,8 +11,10 @@ from sessions.decisions import (
     MarkDubious,
     MarkNotVisible,
     Place,
+    Recorded,
     Reject,
     SetRole,
+    Withdraw,
 )
 from tests.ui.desk_block import tiny_block, tiny_snapshot
 from ui.review.compare import ground_from_pixel
@@ -42,6 +44,7 @@ from ui.review.outcome import outcome_of
 from ui.review.queue import next_open, seat_down, showing, visible, with_filter
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Draft, Extra, Notice, QueueFilter, Seat
+from ui.review.trial import Trial
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +61,12 @@ def plain(desk, seat):
     """Keys in sight that the block does not contradict."""
     misfits = desk.table.figures.misfits
     return tuple(key for key in visible(desk.rows, seat) if misfits[key].ratio < ASKING_SIGMA)
+
+
+def recorded(desk, outcome):
+    """The desk once it has recorded what a gesture came to."""
+    made = (Recorded(n, "", "anna", one) for n, one in enumerate(outcome.decisions, start=1))
+    return replace(desk, recorded=tuple(made))
 
 
 @pytest.mark.parametrize(
@@ -98,16 +107,29 @@ def test_the_same_verdict_again_is_no_decision__law(desk, seat):
 
 def test_a_digit_after_a_rejection_gives_its_reason__law(desk, seat):
     rejected = outcome_of(Judged(seat.seat_id, seat.current, "reject"), seat, desk)
-    explained = outcome_of(Explained(seat.seat_id, 2), rejected.seat, desk)
-    assert explained.decisions == (Reject(*seat.current, reason="changed"),)
-    assert outcome_of(Explained(seat.seat_id, 2), explained.seat, desk).decisions == ()
+    made, digit = recorded(desk, rejected), Explained(seat.seat_id, 2)
+    explained = outcome_of(digit, rejected.seat, made)
+    assert explained.decisions == (Withdraw(1), Reject(*seat.current, reason="changed"))
+    assert outcome_of(digit, explained.seat, made).decisions == ()
+
+
+@pytest.mark.parametrize("then", [Withdraw(1), "accepted by another"])
+def test_a_digit_does_not_reject_again_what_was_decided_since__law(desk, seat, then):
+    """Withdrawn in the history, or accepted by a colleague, it was rejected once more."""
+    rejected = outcome_of(Judged(seat.seat_id, seat.current, "reject"), seat, desk)
+    made = recorded(desk, rejected)
+    decision = then if isinstance(then, Withdraw) else Accept(*seat.current)
+    since = (*made.recorded, Recorded(2, "", "bob", decision))
+    late = outcome_of(Explained(seat.seat_id, 2), rejected.seat, replace(made, recorded=since))
+    assert late.decisions == ()
+    assert late.notice == Notice("notice.no-reason")
 
 
 def test_one_digit_gives_all_that_was_rejected_together_its_reason__law(desk, seat):
     keys = visible(desk.rows, seat)[:3]
     rejected = outcome_of(JudgedTogether(seat.seat_id, keys, "reject"), seat, desk)
-    explained = outcome_of(Explained(seat.seat_id, 2), rejected.seat, desk)
-    assert explained.decisions == tuple(Reject(*key, reason="changed") for key in keys)
+    explained = outcome_of(Explained(seat.seat_id, 2), rejected.seat, recorded(desk, rejected))
+    assert explained.decisions[3:] == tuple(Reject(*key, reason="changed") for key in keys)
     assert explained.seat.explaining == ()
     accepted = outcome_of(JudgedTogether(seat.seat_id, keys, "accept"), rejected.seat, desk)
     assert accepted.seat.explaining == ()
@@ -157,9 +179,27 @@ def test_a_draft_against_the_block_is_asked_about_once__law(desk, seat):
         assert (first.decisions == ()) is asks
         assert (first.seat.current == key) is asks
     assert outcome_of(Judged(seat.seat_id, key, "accept"), first.seat, desk).decisions == (place,)
+    # What is asked about is what is shown: the test of the block adjusted with the draft.
+    near = seat.with_draft(Draft(key, Place(*key, *map(float, pixel + 0.1))))
+    trial = Trial(key, False, 1.0, 0.0, key[1], (), against=3.7)
+    tried = replace(desk, trials={near.drafts[0]: trial})
+    assert outcome_of(Judged(seat.seat_id, key, "accept"), near, tried).decisions == ()
     # Moved once more, it is asked about once more.
     other = first.seat.with_draft(Draft(key, replace(place, row=place.row + 1)))
     assert outcome_of(Judged(seat.seat_id, key, "accept"), other, desk).decisions == ()
+
+
+def test_undo_takes_back_a_decision_before_an_older_draft__law(desk, seat):
+    """The older draft went without a word, and the decision stayed."""
+    there = plain(desk, seat)[0]
+    near = Place(*there, *map(float, desk.state.block.measurements[there].pixel[0] + 0.1))
+    seat = replace(seat, current=there).with_draft(Draft(there, near))
+    decided = replace(seat.once_decided(), current=there)
+    undone = outcome_of(Undone(seat.seat_id), decided, desk)
+    assert (undone.act, undone.seat.draft_of(there)) == ("undo", seat.draft_of(there))
+    # Moved since, it is what was done last.
+    moved = decided.with_draft(Draft(there, replace(near, row=near.row + 1)))
+    assert outcome_of(Undone(seat.seat_id), moved, desk).seat.drafts == ()
 
 
 def test_several_at_once_are_one_act_and_drafts_in_doubt_wait__law(desk, seat):
@@ -403,6 +443,15 @@ def test_a_page_that_turns_light_has_its_scene_so__law(desk, seat):
 
 def test_selected_must_exist__law(desk, seat):
     assert outcome_of(Selected(seat.seat_id, ("none", "none")), seat, desk).seat == seat
+
+
+def test_what_is_selected_is_in_the_list__law(desk, seat):
+    """A thumbnail of another scan led to a row that the filter hides."""
+    key = seat.current
+    narrow = with_filter(seat, desk.rows, QueueFilter("all", photo_id="elsewhere"))
+    found = outcome_of(Selected(seat.seat_id, key), narrow, desk).seat
+    assert found.current == key
+    assert key in visible(desk.rows, found)
 
 
 def test_a_filter_that_lets_nothing_through_shows_nothing_and_forgets_nothing__law(desk, seat):

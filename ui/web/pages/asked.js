@@ -5,7 +5,11 @@ import { letterOf } from "./view.js";
 import { send } from "./wire.js";
 
 const REASON_MS = 6000; // design: time to read five reasons; after it digits mean nothing
+const READ_MS = 300; // design: nobody reads a question sooner; a second key until then is none
 const state = {
+  /** The question in sight before something weighty is done, and since when. */
+  question: "",
+  since: 0,
   point: /** @type {Point | null} */ (null),
   /** How many rows are marked: nothing is asked about one of them. */
   many: 0,
@@ -92,9 +96,14 @@ export function answersNo(event) {
 export const proposalsOf = ({ key: [name], others }) => others
   .filter(({ state: known }) => known === "proposed").map(({ photo }) => [name, photo]);
 
+/** False while a question has only just come into sight: what is pressed was meant before it. */
+export const isRead = () => !state.question || Date.now() - state.since >= READ_MS;
+
 function show() {
   const { explaining, many, turning, until } = state;
   const point = many ? null : state.point;
+  const question = turning ? JSON.stringify(turning) : point?.draft?.asking ? `${point.key}` : "";
+  if (question !== state.question) Object.assign(state, { question, since: Date.now() });
   document.getElementById("turning")?.remove();
   if (turning) return showTurning(turning);
   const why = explaining.length > 0 && Date.now() < until && !point?.draft?.asking;
@@ -131,15 +140,18 @@ function showTurning({ text, values }) {
   renew(byId("keep"), ...question);
 }
 
-/** @param {string} name @param {string} cap @param {() => void} onclick */
-const answer = (name, cap, onclick) =>
-  element("button", { class: "small", "data-answer": name, onclick }, word(name),
-    element("kbd", {}, cap));
+/** The second click of a double click answers nothing. @param {() => unknown} act */
+export const once = (act) => (/** @type {MouseEvent} */ { detail }) => detail < 2 && act();
+
+/** @param {string} name @param {string} cap @param {() => unknown} act */
+const answer = (name, cap, act) =>
+  element("button", { class: "small", "data-answer": name, onclick: once(() => isRead() && act()) },
+    word(name), element("kbd", {}, cap));
 
 /** @param {Key[]} explaining */
 function showReasons(explaining) {
   const choices = [1, 2, 3, 4, 5].map((digit) => element("button",
-    { class: "small", onclick: () => explain(digit) },
+    { class: "small", onclick: once(() => explain(digit)) },
     element("kbd", {}, `${digit}`), word(`reason.${digit}`)));
   renew(byId("reasons"),
     element("p", { title: explaining.map((key) => key.join(" \u00b7 ")).join("\n") },

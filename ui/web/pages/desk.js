@@ -7,7 +7,8 @@ import {
 } from "./queue.js";
 import { showMany, showPoint } from "./point.js";
 import {
-  answersNo, askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, proposalsOf, setUpAsked,
+  answersNo, askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, isRead, once, proposalsOf,
+  setUpAsked,
 } from "./asked.js";
 import {
   blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
@@ -69,9 +70,9 @@ const state = {
  * @param {() => unknown} act
  */
 function decide(act) {
-  if ((state.deciding && isAhead()) || isElsewhere()) {
-    tell({ text: "notice.ahead", values: {}, grave: false });
-    return;
+  const early = (state.deciding && isAhead()) || isElsewhere();
+  if (early || !isRead()) {
+    return tell({ text: early ? "notice.ahead" : "notice.unread", values: {}, grave: false });
   }
   state.deciding = true;
   inTurn(act);
@@ -113,7 +114,7 @@ const ACTS = {
   dubious: () => judge("dubious"),
   invisible: () => judge("invisible"),
   role: ofOne(() => decide(() => sendOf(({ key }) => ({ kind: "role", point: key[0] })))),
-  undo: () => send({ kind: "undo" }),
+  undo: () => isRead() && send({ kind: "undo" }),
   redo: () => send({ kind: "redo" }),
   next: () => send({ kind: "step", step: 1, undecided: true }),
   previous: () => send({ kind: "step", step: -1 }),
@@ -177,6 +178,8 @@ const SHIFTED = {
   undo: "redo", accept: "accept-all", board: "mask", placement: "placing", edges: "mosaic",
   quality: "checks", fit: "area",
 };
+/** A double click does them once: the second click would be about the point that comes next. */
+const DECIDING = new Set(["accept", "accept-all", "reject", "dubious", "invisible", "role"]);
 const REPEATS = new Set(["next", "previous"]);
 /** The key that opened a sheet closes it. @type {Record<string, string>} */
 const CLOSED_BY = { quality: "KeyB", help: "KeyH" };
@@ -302,7 +305,9 @@ function setUpButtons() {
       button.addEventListener("click", ({ detail }) => {
         if (!detail) blink(!compareState().blink);
       });
-    } else button.addEventListener("click", () => ACTS[act]());
+    } else {
+      button.addEventListener("click", DECIDING.has(act) ? once(ACTS[act]) : () => ACTS[act]());
+    }
   }
 }
 
@@ -474,7 +479,7 @@ async function open() {
   if (start.looking) tell({ text: "notice.read-only", values: {}, grave: true });
   openScene();
   window.gruber = {
-    parts: state.parts, isAhead, compareState, boardState, placementState, maskState, mosaicState,
+    parts: state.parts, isAhead: () => isAhead() || !isRead(), compareState, boardState, placementState, maskState, mosaicState,
     checksState, areaShown,
   };
   if (tourIsNew()) startTour();
