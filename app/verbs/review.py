@@ -43,6 +43,8 @@ class Visit:
         self.port: int = given.port
         self.token = ""
         self.left: dict[str, str] | None = None
+        self.drafts: dict[Path, tuple[Seat, ...]] = {}
+        """Seats with drafts, as the last desk of each block left them."""
         self._opened = bool(given.no_browser)
         self.home = self.block.resolve() if blocks_in(self.block) else None
 
@@ -68,12 +70,8 @@ class Visit:
                 self.block = folder
                 return
 
-    def through_desk(self, left: tuple[Seat, ...] = ()) -> bool:
-        """The desk, or the placing page before it; True when settings are asked for there.
-
-        Args:
-            left: Seats with drafts that the desk before a run left.
-        """
+    def through_desk(self) -> bool:
+        """The desk, or the placing page before it; True when settings are asked for there."""
         given, project = self.given, read_project(self.block)
         folder = project.folder
         looking = not may_be_written(folder, folder / HIDDEN, folder / FILE)
@@ -84,7 +82,7 @@ class Visit:
             if not self.through_placing(project, session):
                 return True
             inputs = desk_inputs(project, session, given.operator, given.host, self.port)
-            token = self.token or inputs.token
+            token, left = self.token or inputs.token, self.drafts.get(folder, ())
             with open_desk(
                 replace(inputs, language=given.language, token=token, looking=looking, left=left)
             ) as desk:
@@ -94,8 +92,8 @@ class Visit:
                     say("Guests, who look and decide nothing: {url}", url=desk.guest_url)
                 )
                 settings = self._left(desk, desk.wait())
-                ran = desk.ran
-        return self.through_desk(desk.loop.left) if ran else settings
+                ran, self.drafts[folder] = desk.ran, desk.loop.left
+        return self.through_desk() if ran else settings
 
     def through_placing(self, project: Project, session: Session) -> bool:
         """Let a block that does not stand be placed by clicks; False when settings come first."""

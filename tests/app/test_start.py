@@ -16,7 +16,7 @@ from app.cli import CANCELLED, main
 from app.folder_scan import is_plain
 from app.project import read_project
 from app.start import Starting, block_told, blocks_in, wants_start
-from app.verbs.review import Visit
+from app.verbs.review import Visit, review
 from core.doubts import Failure
 from core.errors import PhotogrammetryError, ProjectError, StorageError
 from sessions.checks import judged_parts, version_on_disk
@@ -548,14 +548,15 @@ def test_a_block_in_a_read_only_folder_is_opened_for_looking__law(
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
 
 
-def test_after_a_run_the_desk_opens_with_the_drafts_it_left__law(
-    tiny_run: Tiny, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("ran", [True, False])
+def test_after_a_run_or_settings_the_desk_opens_with_the_drafts_it_left__law(
+    tiny_run: Tiny, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ran: bool
 ) -> None:
     folder = tmp_path / "block"
     shutil.copytree(tiny_run.folder, folder)
     opened: list[Any] = []
     left = (Seat("seat-1", "ada", marks=(PlaceFiducial("a", "1", 2.0, 3.0),)),)
-    page = SimpleNamespace(port=0, token="", url="", guest_url="", wait=lambda: False, ran=True,
+    page = SimpleNamespace(port=0, token="", url="", guest_url="", wait=lambda: not ran, ran=ran,
                            leaving=SimpleNamespace(told={"who": ""}),
                            loop=SimpleNamespace(left=left))  # fmt: skip
 
@@ -566,10 +567,11 @@ def test_after_a_run_the_desk_opens_with_the_drafts_it_left__law(
         return nullcontext(page)
 
     monkeypatch.setattr("app.verbs.review.open_desk", open_once)
+    monkeypatch.setattr(Visit, "through_start", lambda *_: None)
     given = argparse.Namespace(block=folder, port=0, no_browser=True, operator="ada",
                                host="127.0.0.1", language="")  # fmt: skip
     with pytest.raises(KeyboardInterrupt):
-        Visit(given, cast("Any", SimpleNamespace(say=lambda _: None))).through_desk()
+        review(given, cast("Any", SimpleNamespace(say=lambda _: None)))
     assert [inputs.left for inputs in opened] == [(), left]
 
 

@@ -465,9 +465,8 @@ async function open() {
   setUpPoints();
   setUpResults();
   setUpSettings(() => {
-    const { people = [], drafts = 0, remaking, filling } = state.parts.status ?? {};
-    const values = { people: people.length, drafts };
-    return [...people.length || drafts ? [word("settings.ask", values)] : [],
+    const { people = [], remaking, filling } = state.parts.status ?? {};
+    return [...people.length ? [word("settings.ask", { people: people.length })] : [],
       ...remaking || filling ? [word("settings.stop")] : []];
   });
   setUpTheme();
