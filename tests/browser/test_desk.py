@@ -407,6 +407,7 @@ def test_a_draft_waits_is_asked_about_and_kept_or_dropped__law(sit, tmp_path):
     )
     with Session.open(tmp_path, "reader") as session:
         assert session.decisions() == ()
+    caught_up(page)
     page.click("#keep button")
     page.wait_for_function("gruber.parts.status.decided === 1")
     assert state_of(page, first) == "accepted"

@@ -73,6 +73,7 @@ def test_places_are_planned_at_the_desk__law(
     page.wait_for_selector("#checks:not([open])", state="attached")
     page.keyboard.press("u")
     page.wait_for_selector("#asked.against #keep:has-text('check plan 1 of')")
+    caught_up(page)
     page.keyboard.press("u")
     page.wait_for_function("gruber.parts.status")
     page.keyboard.press("Shift+B")
