@@ -478,7 +478,8 @@ async function open() {
   if (start.looking) tell({ text: "notice.read-only", values: {}, grave: true });
   openScene();
   window.gruber = {
-    parts: state.parts, isAhead: () => isAhead() || !isRead(), compareState, boardState, placementState, maskState, mosaicState,
+    parts: state.parts, isAhead: () => isAhead() || !isRead(), compareState, boardState,
+    placementState, maskState, mosaicState,
     checksState, areaShown,
   };
   if (tourIsNew()) startTour();
