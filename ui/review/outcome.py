@@ -204,8 +204,7 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
 
 def _is_asked(draft: Draft, seat: Seat, desk: DeskSnapshot) -> bool:
     trial = desk.trials.get(draft)
-    tested = trial.against if trial else None
-    return is_to_be_asked(desk.state, seat, draft, desk.recorded, tested)
+    return is_to_be_asked(desk.state, seat, draft, desk.recorded, trial.against if trial else None)
 
 
 def _lies_against(key: Key, desk: DeskSnapshot) -> bool:
@@ -267,9 +266,8 @@ def _explain(gesture: Explained, seat: Seat, desk: DeskSnapshot) -> Outcome:
     if not made or not 1 <= gesture.digit <= len(REASONS):
         # What was done last, before the page heard of it, has closed the question.
         return Outcome(seat, notice=Notice("notice.no-reason"))
-    reason = REASONS[gesture.digit - 1]
-    replaced = (Withdraw(number) for number in made.values())
-    return Outcome(seat, (*replaced, *(Reject(*key, reason=reason) for key in made)))
+    rejected = (Reject(*key, reason=REASONS[gesture.digit - 1]) for key in made)
+    return Outcome(seat, (*map(Withdraw, made.values()), *rejected))
 
 
 def _mark(

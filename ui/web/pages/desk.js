@@ -479,8 +479,7 @@ async function open() {
   openScene();
   window.gruber = {
     parts: state.parts, isAhead: () => isAhead() || !isRead(), compareState, boardState,
-    placementState, maskState, mosaicState,
-    checksState, areaShown,
+    placementState, maskState, mosaicState, checksState, areaShown,
   };
   if (tourIsNew()) startTour();
 }
