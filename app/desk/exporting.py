@@ -2,7 +2,6 @@
 
 import asyncio
 import shutil
-import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +10,14 @@ from typing import Any
 from aiohttp import web
 
 from app.desk.background import Adjust
+from app.desk.watched_job import WatchedJob
 from app.exchange import Exported, export_block, format_names
 from app.project import Project
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block
+from core.errors import Cancelled, ProjectError
 from core.formats.exchange_formats import FORMATS
-from core.progress import SILENT
+from core.progress import Progress
 from sessions.atomic_write import whole_file
 from sessions.session import RESULTS, Session
 from ui.review.state import InitialState
@@ -34,20 +35,20 @@ class Standing:
     adjust: Adjust
     """(block, progress) -> report."""
 
-    def __call__(self, session: Session) -> AdjustmentReport:
+    def __call__(self, session: Session, progress: Progress) -> AdjustmentReport:
         """Nothing of the engine is made again for it."""
         block = session.replayed(self.block, self.initial.films, self.initial.cameras)
-        return self.adjust(block, SILENT)
+        return self.adjust(block, progress)
 
 
 def standing_export(
-    project: Project, standing: Standing, name: str, pictures: bool = False
+    project: Project, standing: Standing, name: str, pictures: bool, progress: Progress
 ) -> Exported:
-    """The block as all decisions leave it, in `results/export`."""
+    """The block as all decisions leave it, in `results/export`; `progress` may stop it."""
     with Session.open(project.folder, "gruber") as session:
-        report = standing(session)
+        report = standing(session, progress)
         return export_block(
-            session, report.block, report, name, None, pictures=pictures, progress=SILENT,
+            session, report.block, report, name, None, pictures=pictures, progress=progress,
             taken=project.taken,
         )  # fmt: skip
 
@@ -71,12 +72,16 @@ def upright_formats() -> list[str]:
 
 
 def export_routes(project: Project, standing: Standing) -> tuple[web.RouteDef, ...]:
-    """`POST /export/NAME`, for operators; one is written at a time."""
-    turn = threading.Lock()
+    """`/export`: how far one is, for everybody; writing and stopping it, for operators."""
+    file, remedy = project.folder / "block.toml", "Wait for it, or cancel it."
+    job = WatchedJob(ProjectError(file, "is being exported.", remedy))
 
     def write(name: str, pictures: bool) -> dict[str, Any]:
-        with turn:
-            done = standing_export(project, standing, name, pictures)
+        with job.begun():
+            try:
+                done = standing_export(project, standing, name, pictures, job)
+            except Cancelled:
+                return {}
             file = done.path if done.path.is_file() else zip_folder(done.path)
         inside = file.relative_to(project.folder / RESULTS).as_posix()
         return {"file": inside, "notes": done.notes}
@@ -90,4 +95,4 @@ def export_routes(project: Project, standing: Standing) -> tuple[web.RouteDef, .
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(None, lambda: told(lambda: write(name, pictures)))
 
-    return (web.post("/export/{name}", export),)
+    return (*job.routes("/export"), web.post("/export/{name}", export))

@@ -241,7 +241,7 @@ def desk_inputs(
     compared = Comparing(reference, given.control.orientation, opened)
     adjusting = adjusting_of(given, reference)
     standing = Standing(block, initial, adjusting)
-    report, (made, written) = standing(session), last_results(session, block)
+    report, (made, written) = standing(session, SILENT), last_results(session, block)
     return DeskInputs(
         name=project.block.name,
         block=block,

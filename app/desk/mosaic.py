@@ -1,7 +1,6 @@
 """The mosaic at the desk: as it is, as it will be with the seams that stand, and its sheets."""
 
 import asyncio
-import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -10,6 +9,7 @@ import cv2
 import numpy as np
 from aiohttp import web
 
+from app.desk.watched_job import WatchedJob
 from app.misfit import known_places
 from app.mosaic import SEAMS_DRAWN, kept_orthos
 from app.project import read_project
@@ -28,7 +28,7 @@ from core.sheets.delivery import INDEX
 from sessions.session import RESULTS, Session
 from ui.review.state import ShownMosaic
 from ui.review.tiles import Colour, OrthoSource, Stretch, fit_stretch
-from ui.web.running import fresh_json, operators_only, told
+from ui.web.running import operators_only, told
 
 SMALL_PX = 512
 """Longer side of the picture from which black and white of a 16-bit mosaic are learnt, pixels."""
@@ -87,46 +87,29 @@ class MosaicFile:
 
 
 class SheetMaker:
-    """Cuts the mosaic on disk into map sheets; also the progress of that."""
+    """Cuts the mosaic on disk into map sheets."""
 
     def __init__(self, project_file: Path) -> None:
         """The maker of one block."""
         self._file = project_file
-        self._turn, self._asked = threading.Lock(), threading.Event()
-        self._share, self._what = 0.0, ""
-
-    def report(self, done: float, total: float, what: str = "") -> None:
-        """Take note of how far it is; raises `Cancelled` when it was asked to stop."""
-        if self._asked.is_set():
-            raise Cancelled
-        self._share, self._what = done / total if total else 1.0, what
-
-    def status(self) -> dict[str, Any]:
-        """Whether sheets are being made, the share done, and what is at work."""
-        busy = self._turn.locked()
-        return {"busy": busy, "share": self._share if busy else 0.0, "what": self._what}
-
-    def cancel(self) -> None:
-        """Ask it to stop; whole sheets stay."""
-        self._asked.set()
+        self.job = WatchedJob(
+            ProjectError(
+                project_file, "has its map sheets in the making.", "Wait for them, or cancel them."
+            )
+        )
 
     def make(self) -> dict[str, Any]:
         """The sheets of the mosaic on disk.
 
         Returns:
-            What was `said`, and the index map as `file` of the results; nothing when cancelled.
+            What was `said`, and the index map as `file` of the results; nothing when cancelled,
+            and whole sheets stay.
 
         Raises:
             PhotogrammetryError: There is no mosaic, or no sheets are named, or they cannot be made,
                 or are being made already.
         """
-        if not self._turn.acquire(blocking=False):
-            raise ProjectError(
-                self._file, "has its map sheets in the making.", "Wait for them, or cancel them."
-            )
-        try:
-            self._asked.clear()
-            self._share, self._what = 0.0, ""
+        with self.job.begun():
             project = read_project(self._file)
             check_sheets(project)
             with Session.open(project.folder, "gruber") as session, session.running():
@@ -138,11 +121,9 @@ class SheetMaker:
                         "Make the orthos and the mosaic first.",
                     )
                 try:
-                    delivery = make_sheets(session, project, mosaic, self)
+                    delivery = make_sheets(session, project, mosaic, self.job)
                 except Cancelled:
                     return {}
-        finally:
-            self._turn.release()
         return {"said": sheets_line(delivery), "file": f"sheets/{INDEX}"}
 
 
@@ -274,19 +255,9 @@ def sheet_routes(project_file: Path) -> tuple[web.RouteDef, ...]:
     """`/sheets`: how far they are, for everybody; making and stopping them, for operators."""
     maker = SheetMaker(project_file)
 
-    async def status(request: web.Request) -> web.StreamResponse:
-        return fresh_json(maker.status())
-
     async def make(request: web.Request) -> web.StreamResponse:
         operators_only(request)
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(None, lambda: told(maker.make))
 
-    async def cancel(request: web.Request) -> web.StreamResponse:
-        operators_only(request)
-        maker.cancel()
-        return fresh_json(maker.status())
-
-    return (
-        web.get("/sheets", status), web.post("/sheets", make), web.post("/sheets/cancel", cancel),
-    )  # fmt: skip
+    return (*maker.job.routes("/sheets"), web.post("/sheets", make))

@@ -301,21 +301,33 @@ def test_a_new_mosaic_leaves_the_focus_where_words_are_typed__law(
     assert page.input_value("#fault-words") == "church"
 
 
-def test_sheets_in_the_making_are_seen_and_cancelled_whoever_opens_the_results__law(
-    sit_at: Sit, real_desk: RealDesk
+@pytest.mark.parametrize("name", ["sheets", "export"])
+def test_long_work_is_seen_and_cancelled_whoever_opens_the_results__law(
+    sit_at: Sit, real_desk: RealDesk, name: str
 ) -> None:
     page = sit_at(real_desk.desk.url, scene=False)
     told = {"busy": True, "share": 0.4, "what": ""}
-    page.route("**/sheets", lambda route: route.fulfill(json=told))
+    page.route(f"**/{name}", lambda route: route.fulfill(json=told))
     for _ in range(2):
         page.click("#results-open")
-        page.wait_for_selector("#sheets-said:has-text('40')")
-        assert page.is_disabled("#sheets-begin")
+        page.wait_for_selector(f"#{name}-said:has-text('40')")
+        assert page.is_disabled(f"#{name}-begin")
         page.keyboard.press("Escape")
     page.click("#results-open")
-    with page.expect_request("**/sheets/cancel"):
-        page.click("#sheets-cancel")
+    with page.expect_request(f"**/{name}/cancel"):
+        page.click(f"#{name}-cancel")
     told["busy"] = False
-    page.wait_for_selector("#sheets-begin:not([disabled])")
-    assert page.is_hidden("#sheets-cancel")
-    assert page.inner_text("#sheets-said") == ""
+    page.wait_for_selector(f"#{name}-begin:not([disabled])")
+    assert page.is_hidden(f"#{name}-cancel")
+    assert page.inner_text(f"#{name}-said") == ""
+
+
+def test_an_export_is_taken_from_the_results__truth(sit_at: Sit, real_desk: RealDesk) -> None:
+    page = sit_at(real_desk.desk.url, scene=False)
+    page.click("#results-open")
+    page.click("#export-begin")
+    page.wait_for_selector("#export-said a[href^='/results/export/']")
+    assert page.is_hidden("#export-cancel")
+    page.route("**/export/*", lambda route: route.fulfill(json={}))
+    page.click("#export-begin")
+    page.wait_for_selector("#export-said:has-text('Cancelled')")

@@ -1,8 +1,11 @@
 """Export at the desk: one file to take, for operators alone, or why it could not be."""
 
+import asyncio
 import io
+import time
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,6 +17,7 @@ from app.project import read_project
 from core.errors import ProjectError
 from core.formats.exchange import Conventions, ExchangeBlock, ExchangeFormat
 from core.pipeline import STAGES
+from core.progress import Progress
 from sessions.decisions import PlaceFiducial
 from sessions.session import Session
 from tests.tiny import Tiny
@@ -104,10 +108,41 @@ def test_an_error_is_told__law(tiny_run: Tiny, monkeypatch: pytest.MonkeyPatch) 
     assert said["error"]["values"]["cause"] == "is no use."
 
 
+def test_an_export_tells_how_far_it_is_and_stops_when_asked__law(
+    tiny_run: Tiny, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Scans laid upright take minutes: nothing was shown, and a second press waited."""
+    giving(monkeypatch, folder=False)
+
+    def endless(*_: object, progress: Progress, **others: object) -> None:
+        while True:
+            progress.report(1, 4, "1938_01")
+            time.sleep(0.01)
+
+    monkeypatch.setattr(exporting, "export_block", endless)
+
+    async def visit(client: Any) -> tuple[int, Any]:
+        writing = asyncio.ensure_future(client.post("/export/any", json={}))
+        told: dict[str, Any] = {}
+        while told.get("what") != "1938_01":
+            told = await (await client.get("/export")).json()
+        assert told == {"busy": True, "share": 0.25, "what": "1938_01"}
+        second = await client.post("/export/any", json={})
+        await client.post("/export/cancel")
+        answer = await (await writing).json()
+        assert not (await (await client.get("/export")).json())["busy"]
+        return second.status, answer
+
+    with Session.open(tiny_run.folder, "anna") as session:
+        desk = desk_inputs(read_project(tiny_run.folder / "block.toml"), session, "anna", "", 0)
+        assert visited([*desk.routes], visit, False) == (409, {})
+
+
 def test_guests_and_unknown_formats_are_turned_away__law(
     tiny_run: Tiny, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     giving(monkeypatch, folder=True)
     assert asked(tiny_run, guest=True)[0] == 403
+    assert asked(tiny_run, "/export/cancel", guest=True)[0] == 403
     assert asked(tiny_run, "/export/nothing")[0] == 404
     assert titles() == {"any": "Any program"}

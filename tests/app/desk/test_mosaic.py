@@ -10,6 +10,7 @@ import rasterio
 
 from app.block_sections import BlockSection
 from app.desk.mosaic import MosaicFile, SheetMaker, sheet_routes
+from app.desk.watched_job import WatchedJob
 from app.mosaic import make_mosaic
 from app.project import ListedScan, Project, ReferenceSection, ScansSection
 from core.errors import Cancelled, ProjectError
@@ -226,7 +227,7 @@ def test_sheets_in_the_making_are_not_begun_a_second_time__law(folder: Path) -> 
     project_in(folder)
     with_mosaic(folder)
     maker = SheetMaker(folder / "block.toml")
-    with maker._turn, pytest.raises(ProjectError, match="in the making"):  # pyright: ignore[reportPrivateUsage]
+    with maker.job.begun(), pytest.raises(ProjectError, match="in the making"):
         maker.make()
     assert maker.make()["said"]
 
@@ -237,22 +238,22 @@ def test_it_stops_when_asked_and_keeps_whole_sheets__law(
     project_in(folder)
     with_mosaic(folder)
     maker = SheetMaker(folder / "block.toml")
-    seen: list[dict[str, Any]] = []
+    job, seen = maker.job, list[dict[str, Any]]()
 
     def watched(done: float, total: float, what: str = "") -> None:
-        seen.append(maker.status())
+        seen.append(job.status())
         if done / total > 0.5:
-            maker.cancel()
-        SheetMaker.report(maker, done, total, what)
+            job.cancel()
+        WatchedJob.report(job, done, total, what)
 
-    monkeypatch.setattr(maker, "report", watched)
+    monkeypatch.setattr(job, "report", watched)
     assert maker.make() == {}
     assert seen[0]["busy"]
-    assert not maker.status()["busy"]
+    assert not job.status()["busy"]
     made = {path.name for path in (folder / "results/sheets").glob("*.tif")}
     assert 0 < len(made) < 4
     assert not list((folder / "results/sheets").glob(".*"))
     with pytest.raises(Cancelled):
-        SheetMaker.report(maker, 1, 2)
+        WatchedJob.report(job, 1, 2)
     monkeypatch.undo()
     assert maker.make()["said"].values["made"] == 4 - len(made)

@@ -8,10 +8,16 @@ const state = {
   written: 0,
   /** The tab it was opened in. */
   page: /** @type {Window | null} */ (null),
-  /** Whether map sheets were in the making when that was asked last, and when it is asked again. */
-  cutting: false,
-  timer: 0,
+  /** Whether long work was under way when that was asked last, and when it is asked again. */
+  busy: { sheets: false, export: false },
+  timers: { sheets: 0, export: 0 },
 };
+/** Long work that others may have begun, by its address, and what is said of it. */
+const WORKS = {
+  sheets: { begin: "sheets.begin", making: "sheets.making", cancelled: "sheets.cancelled" },
+  export: { begin: "export.begin", making: "export.making", cancelled: "export.cancelled" },
+};
+/** @typedef {keyof typeof WORKS} Work */
 const ASKED_MS = 700; // design: as a run that is watched
 
 /** A report written anew is listed, and shown where it is open. @param {Status} status */
@@ -43,7 +49,9 @@ async function open() {
     sheetHead(sheet, "results"), element("p", {}, word("results.long")),
     element("p", {}, mosaicButton("results")), list, ...sheets(), ...exporting());
   sheet.showModal();
-  if (!start.guest) watchSheets();
+  for (const name of /** @type {Work[]} */ (Object.keys(WORKS))) {
+    if (document.getElementById(`${name}-begin`)) watch(name);
+  }
   await fill(list);
 }
 
@@ -107,47 +115,59 @@ function held(button) {
   };
 }
 
-/** Map sheets of the mosaic, with what is done of them; others may have begun them. */
-function sheets() {
-  if (start.guest) return [];
-  const said = element("div", { id: "sheets-said", role: "status" });
-  const begin = element("button", { id: "sheets-begin", onclick: make }, word("sheets.make"));
-  const stop = element("button", { id: "sheets-cancel", hidden: true,
-    onclick: () => post("/sheets/cancel") }, word("remake.cancel"));
-  return [element("h3", {}, word("sheets")), element("p", {}, word("sheets.long")),
-    element("p", {}, begin, " ", stop), said];
+/**
+ * A button for long work, one that stops it, and where is said how far it is and what came of it.
+ * @param {Work} name @param {() => Promise<any>} ask
+ * @param {(answer: any) => (string | Node)[][]} told lines of what was made
+ */
+function working(name, ask, told) {
+  const said = element("div", { id: `${name}-said`, role: "status" });
+  const begin = element("button", { id: `${name}-begin`, onclick: make }, word(WORKS[name].begin));
+  const stop = element("button", { id: `${name}-cancel`, hidden: true,
+    onclick: () => post(`/${name}/cancel`) }, word("remake.cancel"));
+  return { begin, stop, said };
 
   async function make() {
     const goOn = held(/** @type {HTMLButtonElement} */ (begin));
     stop.hidden = false;
-    said.replaceChildren(word("sheets.making", { share: 0, what: "" }));
-    state.timer = setTimeout(watchSheets, ASKED_MS);
-    const answer = await post("/sheets");
+    said.replaceChildren(word(WORKS[name].making, { share: 0, what: "" }));
+    state.timers[name] = setTimeout(() => watch(name), ASKED_MS);
+    const answer = await ask();
     goOn();
-    await watchSheets();
+    await watch(name);
+    const lines = answer.error ? [[again(answer.error)]]
+      : answer.file ? told(answer) : [[word(WORKS[name].cancelled)]];
     // The sheet may have been closed and opened again meanwhile.
-    document.getElementById("sheets-said")?.replaceChildren(element("p", {},
-      ...(answer.error ? [again(answer.error)] : answer.said
-        ? [again(answer.said), " ", link(answer.file)] : [word("sheets.cancelled")])));
+    document.getElementById(`${name}-said`)
+      ?.replaceChildren(...lines.map((one) => element("p", {}, ...one)));
   }
 }
 
-/** How far map sheets are, whoever began them, until they are done. */
-async function watchSheets() {
-  clearTimeout(state.timer);
-  const answer = await fetch("/sheets").catch(() => null);
+/** How far long work is, whoever began it, until it is done. @param {Work} name */
+async function watch(name) {
+  clearTimeout(state.timers[name]);
+  const answer = await fetch(`/${name}`).catch(() => null);
   const { busy, share, what } = answer?.ok ? await answer.json() : { busy: false };
   if (!byId("results").open) return;
   if (busy) {
-    clearTimeout(state.timer);
-    state.timer = setTimeout(watchSheets, ASKED_MS);
+    clearTimeout(state.timers[name]);
+    state.timers[name] = setTimeout(() => watch(name), ASKED_MS);
   }
-  byId("sheets-cancel").hidden = !busy;
-  byId("sheets-begin").toggleAttribute("disabled", busy);
-  const making = word("sheets.making", { share: Math.round(100 * share), what });
-  if (busy) byId("sheets-said").replaceChildren(making);
-  else if (state.cutting) byId("sheets-said").replaceChildren();
-  state.cutting = busy;
+  byId(`${name}-cancel`).hidden = !busy;
+  byId(`${name}-begin`).toggleAttribute("disabled", busy);
+  const making = word(WORKS[name].making, { share: Math.round(100 * share), what });
+  if (busy) byId(`${name}-said`).replaceChildren(making);
+  else if (state.busy[name]) byId(`${name}-said`).replaceChildren();
+  state.busy[name] = busy;
+}
+
+/** Map sheets of the mosaic. */
+function sheets() {
+  if (start.guest) return [];
+  const { begin, stop, said } = working("sheets", () => post("/sheets"),
+    (answer) => [[again(answer.said), " ", link(answer.file)]]);
+  return [element("h3", {}, word("sheets")), element("p", {}, word("sheets.long")),
+    element("p", {}, begin, " ", stop), said];
 }
 
 /** A format to choose, and the block in it. */
@@ -156,8 +176,6 @@ function exporting() {
   if (!formats.length || start.guest) return [];
   const chosen = element("select", { id: "export-format", "aria-label": word("export.format") },
     ...formats.map(([name, title]) => element("option", { value: name }, again(title))));
-  const said = element("div", { id: "export-said", role: "status" });
-  const begin = element("button", { id: "export-begin", onclick: write }, word("export.begin"));
   const pictures = element("input", { type: "checkbox", id: "export-pictures" });
   const upright = element("label", { title: word("export.pictures.tip") }, pictures, " ",
     word("export.pictures"));
@@ -166,18 +184,14 @@ function exporting() {
   };
   chosen.addEventListener("change", choose);
   choose();
+  const { begin, stop, said } = working("export", write, (answer) => [[link(answer.file)],
+    ...answer.notes.map((/** @type {any} */ note) => [again(note)])]);
   return [element("h3", {}, word("export")), element("p", {}, word("export.long")),
-    element("p", {}, chosen, " ", begin), element("p", {}, upright), said];
+    element("p", {}, chosen, " ", begin, " ", stop), element("p", {}, upright), said];
 
-  async function write() {
-    const format = /** @type {HTMLSelectElement} */ (chosen).value;
-    const goOn = held(/** @type {HTMLButtonElement} */ (begin));
-    said.replaceChildren(word("export.writing"));
+  function write() {
     const { checked } = /** @type {HTMLInputElement} */ (pictures);
-    const answer = await post(`/export/${format}`, { pictures: checked && !upright.hidden });
-    goOn();
-    if (answer.error) said.replaceChildren(element("p", {}, again(answer.error)));
-    else said.replaceChildren(element("p", {}, link(answer.file)),
-      ...answer.notes.map((/** @type {any} */ note) => element("p", {}, again(note))));
+    const format = /** @type {HTMLSelectElement} */ (chosen).value;
+    return post(`/export/${format}`, { pictures: checked && !upright.hidden });
   }
 }
