@@ -5,6 +5,10 @@ from pathlib import Path
 from core.said import Said, say
 
 
+def _made_of(kind: "type[PhotogrammetryError]", told: str) -> "PhotogrammetryError":
+    return kind.__new__(kind, told)
+
+
 class PhotogrammetryError(Exception):
     """Data we cannot use, told in one sentence each: where, why, and what to do.
 
@@ -25,9 +29,9 @@ class PhotogrammetryError(Exception):
         )
         super().__init__(self.told)
 
-    def __reduce__(self) -> "tuple[type[PhotogrammetryError], tuple[str, str, str]]":
-        """Copied and pickled as it was made."""
-        return type(self), (self.file, self.cause, self.remedy)
+    def __reduce__(self) -> tuple[object, ...]:
+        """Copied and pickled as it is, whatever the makers of its kind take."""
+        return _made_of, (type(self), self.told), self.__dict__
 
 
 class ProjectError(PhotogrammetryError):

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from app.batch import TABLE, BlockTask, read_list, run_apart
+from app.block_toml import FieldError
 from app.cli import DONE, UNUSABLE, main
 from app.project import read_project
 from core.errors import ProjectError
@@ -99,9 +100,14 @@ def test_why_a_block_failed_is_told_in_every_language__law(tmp_path):
         read_project(task.block)
     assert apart.message == error.value.told
     assert tell.again(apart.message) == tell.again(error.value.told) != apart.message
-    # A worker of a cluster sends the error itself.
-    sent = pickle.loads(pickle.dumps(error.value))
-    assert tell.again(sent.told) == tell.again(error.value.told)
+    # A worker of a cluster sends the error itself, of whatever kind.
+    field = FieldError(
+        "scans", "folder", "block.toml: [scans] folder", "is no folder.", "Name one."
+    )
+    for told in (error.value, field):
+        sent = pickle.loads(pickle.dumps(told))
+        assert (type(sent), vars(sent)) == (type(told), vars(told))
+        assert tell.again(sent.told) == tell.again(told.told)
 
 
 @pytest.mark.parametrize("executor", ["local", "processes", "dask"])
