@@ -22,7 +22,6 @@ from rich.progress import Progress as ProgressBar
 
 from core.errors import Cancelled, PhotogrammetryError
 from core.progress import Progress
-from sessions.codec import to_json
 from ui.words.catalogue import LANGUAGES, Teller
 
 
@@ -138,6 +137,8 @@ class JsonLines:
 
     def failed(self, error: PhotogrammetryError) -> None:
         """The work cannot go on; `told` can be told in any language."""
+        from sessions.codec import to_json  # brings the engine, for which no help waits
+
         parts = {"file": error.file, "cause": error.cause, "remedy": error.remedy}
         self.write({"event": "error", **parts, "told": to_json(error.told)})
 
