@@ -181,6 +181,7 @@ class Seats:
                 page.context.close()
             elif not page.is_closed():
                 page.goto("about:blank")
+                page.unroute_all()
                 page.context.unroute_all()
                 page.emulate_media(media="null", color_scheme="dark")
                 page.mouse.move(-1, -1)

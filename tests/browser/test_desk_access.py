@@ -2,8 +2,11 @@
 
 import pytest
 
+from app.desk.wiring import open_desk
 from tests.browser.conftest import AT_WORK, PATIENCE_MS, VIOLATIONS, toured
 from tests.browser.hands import caught_up, grow, unfold
+from tests.ui.desk_block import desk_inputs
+from ui.words.catalogue import words
 
 
 @pytest.fixture
@@ -94,3 +97,22 @@ def test_who_goes_to_the_settings_is_asked_about_what_is_at_work__law(desk, sit)
     page.route("**/run", lambda route: route.fulfill(json=AT_WORK))
     page.click("#settings-open")
     page.wait_for_selector(asked)
+
+
+def test_a_desk_that_closes_for_the_settings_is_not_called_lost__law(tmp_path, sit_at, seats):
+    """A page said that the desk does not answer, until the settings were there."""
+    said = words()
+    inputs = desk_inputs(tmp_path)
+    with open_desk(inputs) as opened:
+        page = sit_at(opened.url, scene=False)
+        page.route("**/settings", lambda route: route.fulfill(json={}))
+        with page.expect_response("**/settings"):
+            page.click("#settings-open")
+    inputs.session.close()
+    page.wait_for_selector("#lost:not([hidden])")
+    assert page.text_content("#lost") == page.text_content("#wire") == said["settings.opening"]
+    # They do not come: it is lost.
+    page.evaluate("const now = Date.now; Date.now = () => now() + 60000")
+    page.wait_for_selector(f"#lost:has-text('{said['lost.title']}')")
+    assert page.text_content("#wire") == said["status.lost"]
+    seats.leave()

@@ -42,7 +42,7 @@ import {
 import { grow, setUpLayout, toggleDetails } from "./layout.js";
 import { ARROWS, ZOOMS, letterOf } from "./view.js";
 import {
-  connect, finish, inTurn, isAhead, isElsewhere, mergeRows, send, takeSeat,
+  connect, finish, inTurn, isAhead, isElsewhere, leave, mergeRows, send, takeSeat,
 } from "./wire.js";
 
 /**
@@ -468,7 +468,7 @@ async function open() {
     const { people = [], remaking, filling } = state.parts.status ?? {};
     return [...people.length ? [word("settings.ask", { people: people.length })] : [],
       ...remaking || filling ? [word("settings.stop")] : []];
-  });
+  }, leave);
   setUpTheme();
   document.body.classList.toggle("guest", start.guest);
   watchHand();

@@ -93,8 +93,9 @@ export async function isRunning() {
 /**
  * Files and settings take the place of this page, for everybody who has it open.
  * @param {() => string[]} hinders what would be lost, who is disturbed: it is said, and asked, once
+ * @param {() => void} leave done once the page makes room
  */
-export function setUpSettings(hinders = () => []) {
+export function setUpSettings(hinders = () => [], leave = () => {}) {
   const button = byId("settings-open");
   let asked = "";
   button.title = word("settings.tip");
@@ -110,6 +111,7 @@ export function setUpSettings(hinders = () => []) {
     const who = localStorage.getItem("gruber.name") ?? "";
     const answer = await post("/settings", { who, mark });
     if (answer.ok === false) tell(answer.error ?? "", true);
+    else leave();
   });
 }
 

@@ -4,6 +4,7 @@ import { byId, element, start, word } from "./words.js";
 const PIECE = 50; // as `ui/web/channel.py` cuts the table
 const FIRST_WAIT_MS = 250; // design: a short break is not noticed
 const LONGEST_WAIT_MS = 1000; // design: nobody waits longer for a desk that is back
+const LEAVING_MS = 20000; // design: the settings are open by then, or something is wrong
 const state = {
   socket: /** @type {WebSocket | null} */ (null),
   waiting: FIRST_WAIT_MS,
@@ -17,6 +18,8 @@ const state = {
   /** What is done after a gesture: its number, Infinity until it is sent. */
   after: /** @type {Map<() => void, number>} */ (new Map()),
   elsewhere: false,
+  /** Until when a desk that does not answer makes room for the settings. */
+  leaving: 0,
   finish: /** @type {(() => void)[]} */ ([]),
 };
 
@@ -117,13 +120,19 @@ export function mergeRows(rows, message) {
   return rows;
 }
 
+/** The desk closes because it was asked to. */
+export function leave() {
+  state.leaving = Date.now() + LEAVING_MS;
+}
+
+const isLeaving = () => Date.now() < state.leaving;
+
 function openSocket() {
   const address = `${location.origin.replace(/^http/, "ws")}/desk/${start.seat}`;
   const socket = new WebSocket(address);
   state.socket = socket;
   socket.onopen = () => {
-    state.waiting = FIRST_WAIT_MS;
-    showWire(true);
+    Object.assign(state, { waiting: FIRST_WAIT_MS, leaving: 0 });
     showLost("");
   };
   socket.onmessage = (event) => {
@@ -153,7 +162,7 @@ async function tryAgain() {
   const address = `/start?seat=${encodeURIComponent(start.seat)}&own=1`;
   const answer = await fetch(address).catch(() => null);
   if (!answer?.ok) {
-    if (!answer) showLost("lost.text");
+    if (!answer) showLost(isLeaving() ? "settings.opening" : "lost.text");
     else if (answer.status === 401) showLost("lost.stranger");
     tryLater();
     return;
@@ -165,15 +174,17 @@ async function tryAgain() {
 
 /** @param {string} text */
 function showLost(text) {
+  showWire(isOpen());
   byId("lost").hidden = !text;
-  const words = text ? [element("b", {}, word("lost.title")), word(text)] : [];
-  byId("lost").replaceChildren(...words);
+  const title = text.startsWith("lost.") ? [element("b", {}, word("lost.title"))] : [];
+  byId("lost").replaceChildren(...title, ...text ? [word(text)] : []);
 }
 
 /** @param {boolean} on */
 function showWire(on) {
-  byId("wire").classList.toggle("lost", !on);
-  const text = word(on ? "status.connected" : "status.lost");
+  const leaving = !on && isLeaving();
+  byId("wire").classList.toggle("lost", !on && !leaving);
+  const text = word(on ? "status.connected" : leaving ? "settings.opening" : "status.lost");
   byId("wire").title = text;
   byId("wire").replaceChildren(element("span", { class: "dot" }), text);
 }
