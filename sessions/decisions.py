@@ -409,14 +409,14 @@ def last_to_undo(
     operator: str,
     kinds: Kinds = (),
     others: Collection[int] = frozenset(),
+    own: Collection[int] = frozenset(),
 ) -> Recorded | None:
-    """The operator's last decision that stands, of some kinds or of all, but for some numbers."""
-    own = [
-        item
-        for item in standing(decisions)
-        if item.who == operator and item.decision_id not in others
-    ]
-    return next((item for item in reversed(own) if _is_of(item, kinds)), None)
+    """The operator's last decision that stands, of some kinds or of all, but for some numbers.
+
+    Numbers of `own` are the operator's under whatever name.
+    """
+    mine = [item for item in standing(decisions) if _is_by(item, operator, others, own)]
+    return next((item for item in reversed(mine) if _is_of(item, kinds)), None)
 
 
 def last_to_redo(
@@ -424,17 +424,23 @@ def last_to_redo(
     operator: str,
     kinds: Kinds = (),
     others: Collection[int] = frozenset(),
+    own: Collection[int] = frozenset(),
 ) -> Recorded | None:
     """The operator's last undo that stands; None once something new was decided after it."""
     plain = {item.decision_id for item in decisions if _is_of(item, kinds)}
-    mine = [item for item in decisions if item.who == operator and item.decision_id not in others]
-    own = {item.decision_id for item in mine}
-    last_decided = max(plain.intersection(own), default=0)
+    mine = {item.decision_id for item in decisions if _is_by(item, operator, others, own)}
+    last_decided = max(plain.intersection(mine), default=0)
     for item in reversed(standing(decisions)):
         undoes = isinstance(item.decision, Withdraw) and item.decision.decision_id in plain
-        if item.decision_id in own and undoes and item.decision_id > last_decided:
+        if item.decision_id in mine and undoes and item.decision_id > last_decided:
             return item
     return None
+
+
+def _is_by(item: Recorded, operator: str, others: Collection[int], own: Collection[int]) -> bool:
+    """True for a decision under the operator's name that nobody else made, or for an own one."""
+    number = item.decision_id
+    return number not in others and (item.who == operator or number in own)
 
 
 def _is_of(item: Recorded, kinds: Kinds) -> bool:

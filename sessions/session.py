@@ -176,6 +176,7 @@ class Session:
         operator: str | None = None,
         kinds: Kinds = (),
         others: Collection[int] = frozenset(),
+        own: Collection[int] = frozenset(),
     ) -> Recorded | None:
         """Withdraw the operator's own last decision that stands, and what was recorded with it.
 
@@ -183,26 +184,26 @@ class Session:
             operator: Who decided; the session's own operator by default.
             kinds: Kinds of decisions among which it is the last; all by default.
             others: Numbers of decisions that somebody else made under the same name.
+            own: Numbers of decisions that the operator made, under whatever name.
 
         Returns:
             The last withdrawal; None when there is nothing to withdraw.
         """
-        return self._withdrawn(
-            last_to_undo(self.decisions(), operator or self.operator, kinds, others)
-        )
+        who = operator or self.operator
+        return self._withdrawn(last_to_undo(self.decisions(), who, kinds, others, own), who)
 
     def redo(
         self,
         operator: str | None = None,
         kinds: Kinds = (),
         others: Collection[int] = frozenset(),
+        own: Collection[int] = frozenset(),
     ) -> Recorded | None:
         """Withdraw the operator's own last undo; None when something was decided after it."""
-        return self._withdrawn(
-            last_to_redo(self.decisions(), operator or self.operator, kinds, others)
-        )
+        who = operator or self.operator
+        return self._withdrawn(last_to_redo(self.decisions(), who, kinds, others, own), who)
 
-    def _withdrawn(self, last: Recorded | None) -> Recorded | None:
+    def _withdrawn(self, last: Recorded | None, operator: str) -> Recorded | None:
         """Withdraw a record with all that its operator recorded at the same time."""
         if last is None:
             return None
@@ -212,7 +213,7 @@ class Session:
             if (item.when, item.who) == (last.when, last.who)
             and isinstance(item.decision, Withdraw) == isinstance(last.decision, Withdraw)
         ]
-        return self.record_all(together, operator=last.who)[-1]
+        return self.record_all(together, operator=operator)[-1]
 
     def write_layers(
         self,

@@ -75,7 +75,7 @@ from ui.review.mosaic import with_seam_edits
 from ui.review.new_points import ORTHO, act_of, next_name, with_begun
 from ui.review.outcome import Act, outcome_of
 from ui.review.pages import Pages
-from ui.review.queue import keep_seat_up, seat_down
+from ui.review.queue import keep_seat_up, seat_down, showing
 from ui.review.scene import Footprints, readable_scale, tie_vectors
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState, Draft, Notice, Remaking, SceneOptions, Seat, ShownMosaic
@@ -188,14 +188,7 @@ class ReviewLoop:
 
     def _catch_up(self, event: Event) -> None:
         """After every event: new decisions over the block, the picture, then the background."""
-        if self._replay_due and self._only_judged():
-            self._take_judgements()
-        elif self._replay_due:
-            self._replay()
-            if not self._only_seams:
-                self._change_state(adjusting=True)
-                self._adjust_due = True
-            self._only_seams = False
+        self._follow_decisions()
         # Who acted sees it first.
         first = getattr(event, "seat_id", "")
         seats = sorted(self._now.present_seats(), key=lambda seat: seat.seat_id != first)
@@ -213,9 +206,17 @@ class ReviewLoop:
         for wanted in self._proposer.wanted(self._now.state, seats):
             self._measurer.measure(wanted, self._now)
 
-    def _only_judged(self) -> bool:
-        """Whether nothing was said of the block itself: a reading moves no photo."""
-        return changing(self._now.recorded) == self._session.changing()
+    def _follow_decisions(self) -> None:
+        """Lay new decisions over the block, if there are any."""
+        if self._replay_due and changing(self._now.recorded) == self._session.changing():
+            # Nothing was said of the block itself: a reading moves no photo.
+            self._take_judgements()
+        elif self._replay_due:
+            self._replay()
+            if not self._only_seams:
+                self._change_state(adjusting=True)
+                self._adjust_due = True
+            self._only_seams = False
 
     def _take_judgements(self) -> None:
         """Show plans, readings and signatures as they stand now."""
@@ -340,14 +341,9 @@ class ReviewLoop:
             case _:
                 pass
 
-    def _of_others(self, seat: Seat) -> set[int]:
-        """What others who sit here decided: people may share a name."""
-        present = self._now.present - {seat.seat_id}
-        return {number for number, seat_id in self._made.items() if seat_id in present}
-
     def _turn_back(self, act: Literal["undo", "redo"], seat: Seat) -> None:
         """Undo or redo the operator's own last decision, in a sheet of those made there; look."""
-        made, seat = turn_back(self._session, act, seat, self._of_others(seat))
+        made, seat = turn_back(self._session, act, seat, self._made, self._now.present)
         self._now = self._now.with_seat(seat)
         touched = touched_by(made[-1], self._session.decisions()) if made else None
         if touched is None:
@@ -359,6 +355,10 @@ class ReviewLoop:
         key = key_of(touched.decision, self._now.state.extra)
         if key is not None:
             self._now = self._now.with_seat(replace(seat, current=key))
+            self._follow_decisions()
+            seat, rows = self._seat(seat.seat_id), self._seen_by(seat).rows
+            if key in rows:
+                self._now = self._now.with_seat(showing(seat, rows, key))
         if mark := mark_of(touched.decision):
             self._screen.show(seat.seat_id, {"board_mark": [*mark, made[-1].decision_id]})
         self._screen.tell(seat.seat_id, turn_notice(act, touched.decision, key, len(made)))

@@ -192,7 +192,11 @@ def touched_by(recorded: Recorded, decisions: Sequence[Recorded]) -> Recorded | 
 
 
 def turn_back(
-    session: Session, act: Literal["undo", "redo"], seat: Seat, others: Collection[int]
+    session: Session,
+    act: Literal["undo", "redo"],
+    seat: Seat,
+    made: Mapping[int, str],
+    present: Collection[str],
 ) -> tuple[tuple[Recorded, ...], Seat]:
     """What undoing or redoing a seat's last decision records; in a sheet, of those made there.
 
@@ -202,17 +206,22 @@ def turn_back(
         session: Where it is recorded.
         act: Which of both.
         seat: Who asks.
-        others: Numbers of decisions that somebody else made under the same name.
+        made: Seats by the numbers of the decisions made there: a seat's own are those of all its
+            names, and people may share a name.
+        present: Who sits here.
     """
     kinds, decisions = SHEET_KINDS.get(seat.sheet, ()), session.decisions()
-    others = {*others, *(_words_elsewhere(decisions) if seat.sheet == "mosaic" else ())}
-    last = last_to_undo(decisions, seat.operator, kinds, others) if act == "undo" else None
+    own = {number for number, seat_id in made.items() if seat_id == seat.seat_id}
+    others = {number for number, seat_id in made.items() if seat_id in present} - own
+    others |= _words_elsewhere(decisions) if seat.sheet == "mosaic" else set()
+    whose = seat.operator, kinds, others, own
+    last = last_to_undo(decisions, *whose) if act == "undo" else None
     asked = seat.turning[0] if seat.turning else 0
     if last is not None and last.decision_id != asked and (about := _undo_question(last.decision)):
         return (), replace(seat, turning=(last.decision_id, about))
     known = len(decisions)
     turn = session.undo if act == "undo" else session.redo
-    turn(seat.operator, kinds, others)
+    turn(*whose)
     return tuple(session.decisions()[known:]), replace(seat, turning=None)
 
 

@@ -156,6 +156,18 @@ def test_undo_brings_back_state_number_and_place__truth(desk: Any):
     desk.glass.until(lambda glass: ("anna-1", "notice.nothing-to-undo") in glass.notices)
 
 
+def test_what_is_undone_or_redone_is_a_row_of_the_queue__law(desk: Any):
+    first = desk.glass.current()
+    desk.loop.submit(Judged("anna-1", first, "reject"))
+    desk.settled(1)
+    for gesture, decided in ((Undone("anna-1"), 0), (Redone("anna-1"), 1), (Undone("anna-1"), 0)):
+        desk.loop.submit(gesture)
+        desk.settled(decided)
+        assert desk.glass.current() == first
+        shown = desk.glass.parts["anna-1"]["queue"]["filter"]["state"]
+        assert shown == ("rejected" if decided else "open")
+
+
 def test_undo_of_a_signature_is_asked_about_first__law(desk: Any):
     def asked(glass: Any) -> str:
         turning = glass.parts["anna-1"]["queue"]["turning"]

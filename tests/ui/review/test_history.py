@@ -167,7 +167,7 @@ def test_a_plan_is_named_by_its_number_and_its_places_without_spares__law(tmp_pa
     plan = PlanChecks(places, (2, 1), 1, "", True, "b47ec5c8e26954fa")
     with Session.open(tmp_path, "ada") as session:
         session.record(plan)
-        _, seat = turn_back(session, "undo", Seat("s", "ada"), ())
+        _, seat = turn_back(session, "undo", Seat("s", "ada"), {}, ())
     told = turn_notice("undo", plan, None, 1)
     assert seat.turning is not None
     assert (
@@ -212,10 +212,10 @@ def test_a_sheet_takes_back_only_what_was_said_there__law(tmp_path, sheet, own):
     with Session.open(tmp_path, "ada") as session:
         for one in said:
             session.record(one)
-        undone = [turn_back(session, "undo", seat, ())[0] for _ in range(len(said))]
+        undone = [turn_back(session, "undo", seat, {}, ())[0] for _ in range(len(said))]
         back = [one.decision for (one,) in filter(None, undone)]
         assert back == [Withdraw(number) for number in reversed(own)]
-        redone = [turn_back(session, "redo", seat, ())[0] for _ in range(len(said))]
+        redone = [turn_back(session, "redo", seat, {}, ())[0] for _ in range(len(said))]
         assert len([one for one in redone if one]) == len(own)
 
 
@@ -223,8 +223,22 @@ def test_a_word_at_the_desk_keeps_nothing_from_being_done_again_in_a_sheet__law(
     seat = Seat("s", "ada", sheet="mosaic")
     with Session.open(tmp_path, "ada") as session:
         session.record(Remark("place", "", "a cloud", (1.0, 2.0), "cloud"))
-        turn_back(session, "undo", seat, ())
+        turn_back(session, "undo", seat, {}, ())
         session.record(Remark("point", "J101", "wet"))
         session.undo()
-        (again,), _ = turn_back(session, "redo", seat, ())
+        (again,), _ = turn_back(session, "redo", seat, {}, ())
     assert again.decision == Withdraw(2)
+
+
+def test_a_new_name_keeps_the_own_decisions_within_reach_of_undo__law(tmp_path):
+    seat, present = Seat("s", "ada lovelace"), {"s", "t"}
+    with Session.open(tmp_path, "ada") as session:
+        session.record(Remark("photo", "a", "by ada"))
+        session.record(Remark("photo", "b", "by eve"), operator="eve")
+        made = {1: "s", 2: "t"}
+        (undone,), _ = turn_back(session, "undo", seat, made, present)
+        assert (undone.decision, undone.who) == (Withdraw(1), "ada lovelace")
+        made |= {3: "s"}
+        assert turn_back(session, "undo", seat, made, present)[0] == ()
+        (redone,), _ = turn_back(session, "redo", seat, made, present)
+    assert redone.decision == Withdraw(3)
