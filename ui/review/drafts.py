@@ -54,21 +54,6 @@ def draft_ratio(state: DeskState, draft: Draft, tested: float | None = None) -> 
     return misfit.ratio if misfit else 0.0
 
 
-def is_to_be_asked(
-    state: DeskState,
-    seat: Seat,
-    draft: Draft,
-    recorded: Sequence[Recorded],
-    tested: float | None = None,
-) -> bool:
-    """True for a draft that contradicts block or colleague and was not accepted once already."""
-    if seat.asking == draft:
-        return False
-    if opponent_of(draft.key, seat.operator, recorded):
-        return True
-    return draft_ratio(state, draft, tested) > ASKING_SIGMA
-
-
 def opponent_of(key: Key, operator: str, recorded: Sequence[Recorded]) -> str:
     """Who else took a measurement out of use, if that is what was decided last; else nobody."""
     for item in reversed(standing(recorded)):

@@ -24,7 +24,7 @@ from ui.review.check_gestures import BlockSigned, CheckRead, Remarked, Reviewed
 from ui.review.checking import decided_judgement
 from ui.review.compare import pixel_from_ground
 from ui.review.doubtful import verdict_on
-from ui.review.drafts import is_to_be_asked, lies_against, mark_effect
+from ui.review.drafts import lies_against, mark_effect
 from ui.review.drawing import MaskDrawn, decided_mask
 from ui.review.gestures import (
     Aimed,
@@ -78,6 +78,7 @@ from ui.review.queue import (
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Draft, Key, Notice, Seat, Sorting
 from ui.review.to_measure import WAITING, by_view
+from ui.review.trial import is_to_be_asked
 from ui.review.verdicts import decision_of, not_placed, refusal, standing_verdict
 
 Act = Literal[
@@ -203,8 +204,7 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
 
 
 def _is_asked(draft: Draft, seat: Seat, desk: DeskSnapshot) -> bool:
-    trial = desk.trials.get(draft)
-    return is_to_be_asked(desk.state, seat, draft, desk.recorded, trial.against if trial else None)
+    return is_to_be_asked(desk.state, seat, draft, desk.recorded, desk.trials.get(draft))
 
 
 def _lies_against(key: Key, desk: DeskSnapshot) -> bool:

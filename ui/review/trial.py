@@ -1,17 +1,18 @@
 """The effect of a decision before it is made: the block adjusted with one measurement switched."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import USED, Block, Measurement
+from sessions.decisions import Recorded
 from ui.review.compare import shift_px
 from ui.review.doubtful import Verdict, verdict_on
-from ui.review.drafts import apply_draft
+from ui.review.drafts import ASKING_SIGMA, apply_draft, draft_ratio, opponent_of
 from ui.review.misfit import misfits
-from ui.review.state import DeskState, Draft, Key
+from ui.review.state import DeskState, Draft, Key, Seat
 
 After = Callable[[Verdict], Block]
 """The block with one more verdict laid over it, beside all that was decided."""
@@ -158,3 +159,21 @@ def _takes_part(state: DeskState, measurement: Measurement) -> bool:
     if measurement.key in state.extra.measurements:
         return measurement.status in USED
     return state.shown_state(measurement) in USED
+
+
+def is_to_be_asked(
+    state: DeskState,
+    seat: Seat,
+    draft: Draft,
+    recorded: Sequence[Recorded],
+    trial: Trial | None = None,
+) -> bool:
+    """True for a draft that contradicts block or colleague, or puts others out of the adjustment.
+
+    Not for one that was accepted once already.
+    """
+    if seat.asking == draft:
+        return False
+    if (trial and trial.left_out) or opponent_of(draft.key, seat.operator, recorded):
+        return True
+    return draft_ratio(state, draft, trial.against if trial else None) > ASKING_SIGMA

@@ -20,11 +20,11 @@ from ui.review.drafts import (
     apply_draft,
     by_hand,
     draft_ratio,
-    is_to_be_asked,
     left_seats,
     with_left,
 )
 from ui.review.state import DeskState, Draft, Seat
+from ui.review.trial import is_to_be_asked
 
 
 @pytest.fixture(scope="module")

@@ -184,6 +184,13 @@ def test_a_draft_against_the_block_is_asked_about_once__law(desk, seat):
     trial = Trial(key, False, 1.0, 0.0, key[1], (), against=3.7)
     tried = replace(desk, trials={near.drafts[0]: trial})
     assert outcome_of(Judged(seat.seat_id, key, "accept"), near, tried).decisions == ()
+    # So is one that the block agrees with, and that puts another out of the adjustment.
+    throws = replace(trial, against=None, left_out=(("J1", key[1]),))
+    tried = replace(desk, trials={near.drafts[0]: throws})
+    asked = outcome_of(Judged(seat.seat_id, key, "accept"), near, tried)
+    assert (asked.decisions, asked.seat.asking) == ((), near.drafts[0])
+    kept = outcome_of(Judged(seat.seat_id, key, "accept"), asked.seat, tried)
+    assert kept.decisions == (near.drafts[0].decision,)
     # Moved once more, it is asked about once more.
     other = first.seat.with_draft(Draft(key, replace(place, row=place.row + 1)))
     assert outcome_of(Judged(seat.seat_id, key, "accept"), other, desk).decisions == ()

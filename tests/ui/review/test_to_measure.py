@@ -10,7 +10,6 @@ from sessions.decisions import Accept, MarkNotVisible, Place, Recorded, Reject, 
 from sessions.replay import replay
 from tests.ui.desk_block import tiny_block
 from tests.ui.user_points import COUNT, measuring_snapshot, true_pixel
-from ui.review.drafts import is_to_be_asked
 from ui.review.gestures import Judged, JudgedTogether, PlacedInScan
 from ui.review.outcome import outcome_of
 from ui.review.pages import seat_point
@@ -18,6 +17,7 @@ from ui.review.queue import seat_down, visible
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState, Draft, QueueFilter, Seat
 from ui.review.to_measure import kept_up, with_proposals
+from ui.review.trial import is_to_be_asked
 
 DEM = tiny_block().land.dem
 MEASURE = QueueFilter("measure")
