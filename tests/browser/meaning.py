@@ -45,6 +45,7 @@ EYE = """(() => {
   const isGone = () => Boolean(held && document.activeElement === document.body
     && (held.disabled || !held.checkVisibility()));
   const shown = id => document.getElementById(id)?.checkVisibility() ?? false;
+  const asks = () => Boolean(document.querySelector("#asked.against, #turning"));
   const look = () => {
     const head = [...document.querySelectorAll("#point-name > b, #point-name > .scan")];
     const e = document.activeElement;
@@ -53,6 +54,7 @@ EYE = """(() => {
       current: head.map(part => part.textContent).join("|"),
       state: document.querySelector("#acts .stands")?.dataset.act ?? "",
       asked: document.getElementById("asked")?.className ?? "",
+      asks: asks(),
       drafts: document.getElementById("drafts")?.textContent ?? "",
       marked: [...document.querySelectorAll(".row.marked")].map(r => r.dataset.state),
       many: document.getElementById("queue-place")?.className === "many",
@@ -64,19 +66,23 @@ EYE = """(() => {
       inQueue: Boolean(e?.closest("#queue")), gone: isGone(),
     };
   };
-  window.walk = { texts: [], seen: [], look, nameOf };
+  window.walk = { texts: [], seen: [], asks: 0, look, nameOf };
   for (const type of ["keydown", "click"]) window.addEventListener(type, event => {
     const { key, shiftKey: shift, ctrlKey: ctrl, repeat, target } = event;
     const inside = window !== top;
     const on = nameOf(type === "click" ? target : document.activeElement);
     top.walk.seen.push({ type, key, shift, ctrl, repeat, inside, on, ...top.walk.look() });
   }, true);
+  let asked = false;
   new MutationObserver(records => {
+    if (!asked && asks()) window.walk.asks += 1;
+    asked = asks();
     for (const { addedNodes } of records) for (const node of addedNodes) {
       if (!node.classList?.contains("notice")) continue;
       window.walk.texts.push(node.textContent);
     }
-  }).observe(document, { childList: true, subtree: true });
+  }).observe(document,
+    { childList: true, subtree: true, attributes: true, attributeFilter: ["class"] });
   window.print = () => ["beforeprint", "afterprint"].forEach(n => dispatchEvent(new Event(n)));
 })()"""
 """What an eye sees at the moment of every key and click, before the page acts on it."""
@@ -142,6 +148,13 @@ def meaning_of(seen: dict[str, Any]) -> Meaning | None:
         means = SHEETS.get(seen["dialog"])
         return means(seen) if means else None
     return None if seen["repeat"] else _key_means(seen)
+
+
+def drafts_nothing(seen: dict[str, Any]) -> bool:
+    """True for what surely leaves no new draft: verdicts, undo, and going from row to row."""
+    if seen["type"] == "click":
+        return seen["on"].startswith(("row ", "act undo", "act reject", "act dubious"))
+    return seen["key"].lower() in (*"ynmvujk12345", "shift", "escape")
 
 
 def _is_used_up(seen: dict[str, Any]) -> bool:

@@ -26,6 +26,7 @@ from tests.browser.meaning import (
     WRITES,
     Meaning,
     Names,
+    drafts_nothing,
     is_about,
     meaning_of,
 )
@@ -44,6 +45,8 @@ CONTROLS = """() => [...document.querySelectorAll("button, a, select, input, tex
   .map(([e, x, y]) => [window.walk.nameOf(e), x, y])"""
 """What can be clicked: name and place."""
 
+DRAFTING_S = 3.0
+"""Within this time a draft that was asked for is there."""
 LATE_S = 1.5
 """Within this time anything else is in the file."""
 KEYS = (
@@ -79,8 +82,8 @@ class Monkey:
             self.press("Escape")  # Another name has decisions of its own to undo.
             return "key"
         chosen = self.rng.choices(
-            ("key", "click", "anywhere", "drag", "wheel", "resize", "choose", "hold"),
-            (50, 20, 6, 6, 3, 2, 3, 2),
+            ("key", "click", "anywhere", "drag", "wheel", "resize", "choose", "hold", "twice"),
+            (50, 20, 6, 6, 3, 2, 3, 2, 4),
         )[0]
         getattr(self, chosen)()
         return chosen
@@ -102,6 +105,12 @@ class Monkey:
         for _ in range(3):
             self.page.keyboard.down(key)
         self.page.keyboard.up(key)
+
+    def twice(self) -> None:
+        """One key two times in one breath."""
+        key = self.rng.choice(self.keys)
+        self.press(key)
+        self.press(key)
 
     def click(self) -> None:
         controls = [c for c in self.page.evaluate(CONTROLS) if c[0] not in AWAY]
@@ -287,6 +296,7 @@ class DeskWalk(PageWalk):
         self.known = len(self.session.decisions())
         self.owed: list[Meaning] = []
         self.nudged_at = 0.0
+        self.drafted_at, self.decided_last = 0.0, False
         self.page.wait_for_function("gruber.parts.point && !gruber.parts.status.adjusting")
         rows = self.page.evaluate(ROWS)
         room.rows = room.rows or rows
@@ -314,6 +324,14 @@ class DeskWalk(PageWalk):
                 )
             self.look_at_file(meant, told)
 
+    def twice(self) -> None:
+        """What the first press asks the second one does not answer."""
+        asks = self.page.evaluate("walk.asks")
+        super().twice()
+        self.answered()
+        if self.page.evaluate("asks => walk.asks > asks && !walk.look().asks", asks):
+            raise Wrong("a question was answered before it could be read")
+
     def answered(self) -> None:
         self.expect("!gruber.isAhead()", "the desk does not answer")
 
@@ -321,12 +339,15 @@ class DeskWalk(PageWalk):
         """What gestures mean; after an arrow a nudge may wait, which undo takes back first."""
         found: list[Meaning] = []
         for one in seen:
-            meaning = meaning_of(one)
-            nudged = time.monotonic() - self.nudged_at < 1
-            if meaning and meaning.what == "undo" and (nudged or self.signed()):
-                meaning = replace(meaning, must=False)
+            meaning, now = meaning_of(one), time.monotonic()
+            if meaning and meaning.what == "undo":
+                sure = self.decided_last and now - self.drafted_at > DRAFTING_S
+                loose = now - self.nudged_at < 1 or self.signed()
+                meaning = replace(meaning, must=(meaning.must or sure) and not loose)
             if one["key"] in ARROWS or one["on"] == "pane":
-                self.nudged_at = time.monotonic()
+                self.nudged_at = now
+            if not drafts_nothing(one):
+                self.drafted_at, self.decided_last = now, False
             found += [meaning] if meaning else []
         return found
 
@@ -390,6 +411,7 @@ class DeskWalk(PageWalk):
                 if not (self.is_done(one, fresh, eye) or (sure and self.stands(one, eye)))
             ]
             if not waiting:
+                self.decided_last = self.decided_last or bool(fresh)
                 return
             if time.monotonic() - now > PATIENCE_S:
                 raise Wrong(f"dropped without a word: {waiting}")
