@@ -45,6 +45,10 @@ CONTROLS = """() => [...document.querySelectorAll("button, a, select, input, tex
   .map(([e, x, y]) => [window.walk.nameOf(e), x, y])"""
 """What can be clicked: name and place."""
 
+FAR = 20
+"""Long steps that lead further off than three sigma."""
+PAUSE_S = 0.6
+"""After it a nudge has become a draft."""
 DRAFTING_S = 3.0
 """Within this time a draft that was asked for is there."""
 LATE_S = 1.5
@@ -106,9 +110,9 @@ class Monkey:
             self.page.keyboard.down(key)
         self.page.keyboard.up(key)
 
-    def twice(self) -> None:
+    def twice(self, key: str = "") -> None:
         """One key two times in one breath."""
-        key = self.rng.choice(self.keys)
+        key = key or self.rng.choice(self.keys)
         self.press(key)
         self.press(key)
 
@@ -311,6 +315,9 @@ class DeskWalk(PageWalk):
                 continue
             # A hand that does not hurry looks at what it has before it.
             self.answered()
+            if self.rng.random() < 0.03:
+                self.keep_far() if self.rng.random() < 0.5 else self.go_on_from_draft()
+                continue
             made = self.step()
             seen = self.page.evaluate("walk.seen.splice(0)")
             meant = self.meant(seen)
@@ -324,10 +331,30 @@ class DeskWalk(PageWalk):
                 )
             self.look_at_file(meant, told)
 
-    def twice(self) -> None:
+    def keep_far(self) -> None:
+        """A place far off the block's, and two keys that would keep it."""
+        told = self.page.evaluate("walk.texts.length")
+        for _ in range(FAR):
+            self.press("Shift+ArrowRight")
+        time.sleep(PAUSE_S)
+        self.answered()
+        self.twice("y")
+        self.look_at_file(self.meant(self.page.evaluate("walk.seen.splice(0)")), told)
+
+    def go_on_from_draft(self) -> None:
+        """A draft is left, another row is decided, and undo is pressed on the row of the draft."""
+        for key in ("ArrowRight", "j", "n", "k", "u"):
+            told = self.page.evaluate("walk.seen.length = 0, walk.texts.length")
+            self.press(key)
+            seen = self.page.evaluate("walk.seen.splice(0)")
+            self.look_at_file(self.meant(seen), told)
+            time.sleep(DRAFTING_S if key == "k" else PAUSE_S)
+            self.answered()
+
+    def twice(self, key: str = "") -> None:
         """What the first press asks the second one does not answer."""
         asks = self.page.evaluate("walk.asks")
-        super().twice()
+        super().twice(key)
         self.answered()
         if self.page.evaluate("asks => walk.asks > asks && !walk.look().asks", asks):
             raise Wrong("a question was answered before it could be read")
