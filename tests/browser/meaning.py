@@ -107,7 +107,7 @@ STANDS = {"accept": "accept", "reject": "reject", "dubious": "dubious", "invisib
 """The button that is lit where a verdict stands."""
 REFUSED = (
     "ahead", "yes-or-no", "still-drafts", "guest", "wire", "not-done", "overtaken", "place-first",
-    "read-first", "only-draft", "no-role", "far-off",
+    "read-first", "only-draft", "no-role", "far-off", "unread",
 )  # fmt: skip
 ANSWERS = {
     "undo": ("nothing-to-undo", "nothing-to-undo.here"), "back": ("turned",),

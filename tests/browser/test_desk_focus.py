@@ -11,6 +11,7 @@ from sessions.decisions import ReadCheck
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, RealDesk, toured
 from tests.browser.hands import accept, settled, unfold
+from ui.words.catalogue import words
 
 Sit = Callable[..., Any]
 OVERHEAR = """(() => {
@@ -320,6 +321,31 @@ def test_a_question_is_answered_only_once_it_is_read__law(page: Any, real_desk: 
     page.wait_for_function("!gruber.parts.point.draft")
     settled(page)
     assert len(real_desk.session.decisions()) == before + 1
+
+
+HASTY = """new MutationObserver((_, hand) => {
+  const keep = document.querySelector("#asked.against [data-answer='draft.keep']");
+  if (!keep) return;
+  hand.disconnect();
+  keep.click();
+}).observe(document.querySelector("#asked"), { attributes: true, childList: true, subtree: true })
+"""
+"""A click on *Keep* as soon as the desk asks."""
+
+
+def test_a_question_answered_by_a_click_too_soon_says_so__law(
+    page: Any, real_desk: RealDesk
+) -> None:
+    """Such a click did nothing and said nothing; a key said it."""
+    box = page.locator('.pane[data-pane="right"]').bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2 + 60, box["y"] + box["height"] / 2 - 60)
+    page.wait_for_function("gruber.parts.point.draft && !gruber.isAhead()")
+    before = len(real_desk.session.decisions())
+    page.evaluate(HASTY)
+    page.keyboard.press("y")
+    page.wait_for_selector(f".notice >> text={words()['notice.unread']}")
+    assert page.evaluate("gruber.parts.point.draft.asking")
+    assert len(real_desk.session.decisions()) == before
 
 
 def test_a_double_click_decides_once__law(page: Any, real_desk: RealDesk) -> None:

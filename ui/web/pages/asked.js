@@ -19,9 +19,12 @@ const state = {
   timer: 0,
   /** The question before a weighty decision is taken back. */
   turning: /** @type {Notice | null} */ (null),
+  tell: /** @type {(notice: Notice) => void} */ (() => {}),
 };
 
-export function setUpAsked() {
+/** @param {(notice: Notice) => void} tell */
+export function setUpAsked(tell) {
+  state.tell = tell;
   for (const type of ["pointerdown", "click", "close"]) {
     window.addEventListener(type, ({ target }) => {
       const own = target instanceof Element
@@ -99,6 +102,12 @@ export const proposalsOf = ({ key: [name], others }) => others
 /** False while a question has only just come into sight: what is pressed was meant before it. */
 export const isRead = () => !state.question || Date.now() - state.since >= READ_MS;
 
+/** Done once the question is read; else it is said that nothing was. @param {() => unknown} act */
+export function onceRead(act) {
+  if (isRead()) act();
+  else state.tell({ text: "notice.unread", values: {}, grave: false });
+}
+
 function show() {
   const { explaining, many, turning, until } = state;
   const point = many ? null : state.point;
@@ -145,7 +154,7 @@ export const once = (act) => (/** @type {MouseEvent} */ { detail }) => detail < 
 
 /** @param {string} name @param {string} cap @param {() => unknown} act */
 const answer = (name, cap, act) =>
-  element("button", { class: "small", "data-answer": name, onclick: once(() => isRead() && act()) },
+  element("button", { class: "small", "data-answer": name, onclick: once(() => onceRead(act)) },
     word(name), element("kbd", {}, cap));
 
 /** @param {Key[]} explaining */

@@ -7,8 +7,8 @@ import {
 } from "./queue.js";
 import { showMany, showPoint } from "./point.js";
 import {
-  answersNo, askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, isRead, once, proposalsOf,
-  setUpAsked,
+  answersNo, askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, isRead, once, onceRead,
+  proposalsOf, setUpAsked,
 } from "./asked.js";
 import {
   blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
@@ -70,12 +70,13 @@ const state = {
  * @param {() => unknown} act
  */
 function decide(act) {
-  const early = (state.deciding && isAhead()) || isElsewhere();
-  if (early || !isRead()) {
-    return tell({ text: early ? "notice.ahead" : "notice.unread", values: {}, grave: false });
+  if ((state.deciding && isAhead()) || isElsewhere()) {
+    return tell({ text: "notice.ahead", values: {}, grave: false });
   }
-  state.deciding = true;
-  inTurn(act);
+  onceRead(() => {
+    state.deciding = true;
+    inTurn(act);
+  });
 }
 
 /** One verdict on what is shown, or on all that is marked. @param {string} verdict */
@@ -114,7 +115,7 @@ const ACTS = {
   dubious: () => judge("dubious"),
   invisible: () => judge("invisible"),
   role: ofOne(() => decide(() => sendOf(({ key }) => ({ kind: "role", point: key[0] })))),
-  undo: () => isRead() && send({ kind: "undo" }),
+  undo: () => onceRead(() => send({ kind: "undo" })),
   redo: () => send({ kind: "redo" }),
   next: () => send({ kind: "step", step: 1, undecided: true }),
   previous: () => send({ kind: "step", step: -1 }),
@@ -451,7 +452,7 @@ async function open() {
     showMany(count);
     askAboutMany(count);
   }, () => tell({ text: "notice.one-row", values: {}, grave: false }));
-  setUpAsked();
+  setUpAsked(tell);
   setUpCompare();
   setUpScene();
   setUpPeople();
