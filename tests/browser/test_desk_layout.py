@@ -156,6 +156,19 @@ def test_details_leave_the_pictures_and_the_decision_in_sight__law(sit):
     assert page.evaluate(IN_SIGHT, [*DECIDES, "#details"])
 
 
+def test_three_lines_of_an_effect_lie_in_their_bar__law(sit):
+    """The third one lay under the question below."""
+    page = sit(scene=False, size={"width": 1366, "height": 768})
+    page.wait_for_function("gruber.parts.point.trial")
+    over = page.evaluate("""() => {
+      const trial = document.getElementById("trial"), line = trial.querySelector(".figure");
+      while (trial.querySelectorAll(".figure").length < 3) trial.append(line.cloneNode(true));
+      return [...trial.children].map(one => one.getBoundingClientRect().bottom)
+        .map(bottom => bottom - document.getElementById("facts").getBoundingClientRect().bottom);
+    }""")
+    assert len(over) == 4 and max(over) <= 0
+
+
 @pytest.mark.parametrize("language", ["en", "cs"])
 def test_chips_of_the_queue_stand_in_columns__law(sit, language):
     page = sit(scene=False, language=language)
