@@ -166,7 +166,8 @@ def test_three_lines_of_an_effect_lie_in_their_bar__law(sit):
       return [...trial.children].map(one => one.getBoundingClientRect().bottom)
         .map(bottom => bottom - document.getElementById("facts").getBoundingClientRect().bottom);
     }""")
-    assert len(over) == 4 and max(over) <= 0
+    assert len(over) == 4
+    assert max(over) <= 0
 
 
 @pytest.mark.parametrize("language", ["en", "cs"])

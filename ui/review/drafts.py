@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from core.adjustment.adjusted import Contradiction
 from core.block import Block, Measurement
 from core.geometry.interior import InteriorOrientation
 from core.scans.fiducials import HAND_SIGMA_PX
@@ -36,20 +37,20 @@ def apply_draft(state: DeskState, draft: Draft) -> DeskState:
     return replace(state, block=block)
 
 
-def draft_ratio(state: DeskState, draft: Draft, tested: float | None = None) -> float:
+def draft_ratio(state: DeskState, draft: Draft, against: Contradiction | None = None) -> float:
     """How far a draft lies from where the block expects its point, in standard deviations.
 
     Args:
         state: The desk.
         draft: The draft.
-        tested: What the block adjusted with it says of it, where that is known and against it.
+        against: What the block adjusted with it has against it.
     """
     expected = state.to_measure.predictions.get(draft.key)
     placed = apply_draft(state, draft).measurement_of(draft.key)
     if expected is not None and placed is not None and state.is_waiting(draft.key):
         return expected.sigmas_away(placed.column, placed.row, placed.sigma_px)
-    if tested is not None:
-        return tested
+    if against is not None:
+        return against.test
     misfit = misfits(apply_draft(state, draft), (draft.key,)).get(draft.key)
     return misfit.ratio if misfit else 0.0
 

@@ -3,17 +3,18 @@
 A control point with weak coordinates follows its measurement, so its residual in the adjustment
 stays small even if the place is wrong. The misfit does not: it is the projection of the *given*
 coordinates minus the measurement, with the standard deviations of both. An accepted measurement
-that the block contradicts has pulled the block towards itself: its sigmas are those of the verdict,
-which leaves it out.
+that the block contradicts has pulled the block towards itself: its misfit is as long as the verdict
+says, which leaves it out.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
 
-from core.adjustment.adjusted import AdjustmentReport
+from core.adjustment.adjusted import AdjustmentReport, Contradiction
 from core.block import Block, Measurement, Photo, SurveyedPoint
 from core.geometry.camera import Camera
 from ui.review.state import DeskState, Key
@@ -66,8 +67,24 @@ def misfits(
         here, there = block.measurements.get(one.key), oriented.measurements.get(one.key)
         # Not of a draft, which lies elsewhere than what was judged.
         if one.key in found and here and there and _place(here) == _place(there):
-            found[one.key] = replace(found[one.key], ratio=one.test)
+            found[one.key] = without_pull(found[one.key], one)
     return found
+
+
+def without_pull(misfit: Misfit, found: Contradiction) -> Misfit:
+    """The misfit from where all other measurements put the place, as the verdict tells it.
+
+    Its direction is that of the block which the measurement has pulled towards itself.
+    """
+    pixels, metres = math.hypot(*misfit.pixels), math.hypot(*misfit.metres)
+    if not pixels or not metres:
+        return replace(misfit, ratio=found.test)
+    by_px, by_m = found.pixels / pixels, found.metres / metres
+    return Misfit(
+        (by_px * misfit.pixels[0], by_px * misfit.pixels[1]),
+        (by_m * misfit.metres[0], by_m * misfit.metres[1]),
+        found.test,
+    )
 
 
 def _alone(block: Block) -> set[Key]:

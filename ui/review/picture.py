@@ -15,7 +15,7 @@ from ui.review.compare import Drawn, HeightSource, Overlay, ground_from_pixel, o
 from ui.review.drafts import apply_draft, by_hand
 from ui.review.grounds import grounds_of
 from ui.review.looks import round_all, short
-from ui.review.misfit import Misfit, misfits
+from ui.review.misfit import Misfit, misfits, without_pull
 from ui.review.queue import Row, coming
 from ui.review.scene import ground_level_m, ramp_top_m
 from ui.review.second_reading import readings_part
@@ -304,14 +304,13 @@ def _figures(state: DeskState, shown: DeskState, row: Row, trial: Trial | None) 
     now = None if unplaced else misfits(shown, (row.key,)).get(row.key)
     before = state.report if drafted else state.before
     old = misfits(state, (row.key,), before).get(row.key) if before else None
-    ratio = now.ratio if now else None
-    if drafted and trial and trial.against is not None:
-        ratio = trial.against
+    if now and drafted and trial and trial.against is not None:
+        now = without_pull(now, trial.against)
     return {
         "misfit": round_all(now.pixels if now else None, FINE_PLACES),
         "misfit_before": round_all(old.pixels if old else None, FINE_PLACES),
         "ground": round_all(now.metres if now else None, FINE_PLACES),
-        "ratio": short(ratio, 1),
+        "ratio": short(now.ratio if now else None, 1),
         "residual": round_all(state.residual_px(row.key), 2) if row.state in IN_USE else None,
         "sigma": short(measurement.sigma_px, 2),
         "score": None if by_hand(measurement) else short(row.score, 2),

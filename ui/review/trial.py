@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from core.adjustment.adjusted import AdjustmentReport
+from core.adjustment.adjusted import AdjustmentReport, Contradiction
 from core.block import USED, Block, Measurement
 from sessions.decisions import Recorded
 from ui.review.compare import shift_px
@@ -48,8 +48,8 @@ class Trial:
     """The photo that would shift most."""
     neighbours: tuple[Neighbour, ...] = ()
     """The nearest measurements in the same photo."""
-    against: float | None = None
-    """Standard deviations by which the block would contradict it, as the verdict would tell."""
+    against: Contradiction | None = None
+    """What the verdict would tell of it; None where the block would not contradict it."""
     left_out: tuple[Key, ...] = ()
     """Other measurements that the adjustment would leave out as gross errors because of it."""
 
@@ -105,7 +105,7 @@ def trial_of(state: DeskState, subject: Key | Draft, report: AdjustmentReport) -
         return None
     shift, most = largest_shift(state.oriented, report.block)
     turned = not isinstance(subject, Draft) and _takes_part(state, measurement)
-    against = {one.key: one.test for one in report.contradictions}.get(key)
+    against = next((one for one in report.contradictions if one.key == key), None)
     neighbours = _neighbours(state, key, report)
     return Trial(
         key, turned, report.sigma_nought, shift, most, neighbours, against,
@@ -176,4 +176,4 @@ def is_to_be_asked(
         return False
     if (trial and trial.left_out) or opponent_of(draft.key, seat.operator, recorded):
         return True
-    return draft_ratio(state, draft, trial.against if trial else None) > ASKING_SIGMA
+    return draft_ratio(state, draft, trial and trial.against) > ASKING_SIGMA

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.adjustment.adjusted import Contradiction
 from sessions.decisions import (
     Accept,
     ChoosePeak,
@@ -181,7 +182,8 @@ def test_a_draft_against_the_block_is_asked_about_once__law(desk, seat):
     assert outcome_of(Judged(seat.seat_id, key, "accept"), first.seat, desk).decisions == (place,)
     # What is asked about is what is shown: the test of the block adjusted with the draft.
     near = seat.with_draft(Draft(key, Place(*key, *map(float, pixel + 0.1))))
-    trial = Trial(key, False, 1.0, 0.0, key[1], (), against=3.7)
+    found = Contradiction(*key, pixels=2.0, metres=1.1, test=3.7, shift_m=0.4)
+    trial = Trial(key, False, 1.0, 0.0, key[1], (), against=found)
     tried = replace(desk, trials={near.drafts[0]: trial})
     assert outcome_of(Judged(seat.seat_id, key, "accept"), near, tried).decisions == ()
     # So is one that the block agrees with, and that puts another out of the adjustment.

@@ -1,6 +1,7 @@
 """Pictures can be sent: JSON without surprises, and every word they name exists."""
 
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.adjustment.adjusted import Contradiction
 from sessions.decisions import Place
 from tests.ui.desk_block import adjust, tiny_block
 from ui.review.compare import (
@@ -18,6 +20,7 @@ from ui.review.picture import Pictured, point_part, queue_part, scene_part, stat
 from ui.review.queue import NO_ROWS, seat_down
 from ui.review.scene import scene_picture
 from ui.review.state import DeskState, Draft, Seat
+from ui.review.trial import Trial
 from ui.web.front import as_json
 
 PAGES = Path(__file__).resolve().parents[3] / "ui" / "web" / "pages"
@@ -59,6 +62,13 @@ def test_a_draft_is_doubted_where_it_lies__law(state):
     told = dict(drafted["why"])["doubt.misfit"]
     assert float(told) == pytest.approx(drafted["figures"]["ratio"], abs=0.051)
     assert float(told) > 5 > float(dict(before["why"]).get("doubt.misfit", 0.0))
+    # Adjusted with it, metres and sigmas are those of one test.
+    found = Contradiction(*key, pixels=8.0, metres=2.5, test=6.2, shift_m=0.4)
+    pictured = replace(pictured, trial=Trial(key, False, 1.0, 0.0, key[1], (), against=found))
+    tried = point_part(state, seat.with_draft(Draft(key, place)), rows, pictured)
+    assert isinstance(tried, dict)
+    assert tried["figures"]["ratio"] == 6.2
+    assert math.hypot(*tried["figures"]["ground"]) == pytest.approx(2.5, abs=0.01)
 
 
 def test_a_block_without_measurements_can_be_shown__law(state):

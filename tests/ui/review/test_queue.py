@@ -1,5 +1,6 @@
 """The queue: what is doubtful comes first, and order and filter keep their promises."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from sessions.decisions import Place
 from tests.flights import FlightPlan, fly
 from tests.ui.desk_block import tiny_block, tiny_snapshot
 from ui.review.compare import made_with
-from ui.review.misfit import Misfit
+from ui.review.misfit import Misfit, misfits
 from ui.review.queue import (
     NO_ROWS,
     coming,
@@ -195,6 +196,8 @@ def test_an_accepted_blunder_passes_its_filter_and_heads_the_queue__truth(seed, 
     assert rows[key].grounds[0].text == "doubt.disputed"
     assert row_line(rows[key])[-6] == round(rows[key].disputed_m, 1)
     # One figure for one misfit: what is asked before it is kept, the row, the verdict.
+    shown = misfits(state, (key,))[key]
+    assert (shown.ratio, math.hypot(*shown.metres)) == (rows[key].sigmas, rows[key].disputed_m)
     told, *_ = judge_block(assess_block(report), report)
     assert f"{rows[key].sigmas:.1f}" == told.values["test"]
     before = DeskState(flown, adjust_block(flown), made=made_with(flown))
@@ -204,7 +207,8 @@ def test_an_accepted_blunder_passes_its_filter_and_heads_the_queue__truth(seed, 
     assert kept is not None
     trial = work.conclude(adjust_block(kept))
     assert trial is not None
-    assert trial.against == pytest.approx(rows[key].sigmas, rel=0.01)
+    assert trial.against is not None
+    assert trial.against.test == pytest.approx(rows[key].sigmas, rel=0.01)
     # Rejected, it is not disputed any more.
     after = replace(state, block=block.with_measurement(replace(wrong, status="rejected")))
     assert np.isnan(queue_row(after, NO_ROWS.renewed(state).figures, key).disputed_m)
