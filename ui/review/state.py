@@ -34,17 +34,9 @@ POINT_KINDS: tuple[Kind, ...] = ("control", "check", "new")
 SortColumn = Literal["gain", "doubt", "misfit", "photo", "point", "score"]
 SORT_COLUMNS: tuple[SortColumn, ...] = ("gain", "doubt", "misfit", "photo", "point", "score")
 StateFilter = Literal[
-    "open",
-    "measure",
-    "second",
-    "all",
-    "disputed",
-    "unchecked",
-    "accepted",
-    "rejected",
-    "dubious",
+    "open", "measure", "second", "all", "disputed", "unchecked", "accepted", "rejected", "dubious",
     "unused",
-]
+]  # fmt: skip
 STATE_FILTERS: tuple[StateFilter, ...] = (
     "open", "measure", "second", "all", "disputed", "unchecked", "dubious", "accepted", "rejected",
     "unused",
@@ -170,7 +162,7 @@ class Seat:
     drafts: tuple[Draft, ...] = ()
     """Places not decided yet, one for a measurement at most."""
     older: frozenset[Key] = frozenset()
-    """Measurements whose draft was made before the last decision: undo takes that back first."""
+    """Measurements and marks with a draft made before the last decision: undo leaves it."""
     marks: tuple[PlaceFiducial, ...] = ()
     """Drafts of fiducials, by hand or snapped, one for each at most."""
     asking: Draft | PlaceFiducial | None = None
@@ -211,7 +203,8 @@ class Seat:
 
     def once_decided(self) -> "Seat":
         """The seat once a decision was made: the drafts that are left are older than it."""
-        return replace(self, older=frozenset(draft.key for draft in self.drafts))
+        older = (*(draft.key for draft in self.drafts), *map(_key_of, self.marks))
+        return replace(self, older=frozenset(older))
 
     def with_recorded(self, name: str) -> "Seat":
         """The seat once a new point is on disk: its other drafts are about a point that exists."""
@@ -222,18 +215,21 @@ class Seat:
 
     def mark_of(self, photo_id: str, name: str) -> PlaceFiducial | None:
         """The draft of a fiducial."""
-        subject = photo_id, name
-        return next((mark for mark in self.marks if (mark.photo_id, mark.name) == subject), None)
+        return next((mark for mark in self.marks if _key_of(mark) == (photo_id, name)), None)
 
     def without_mark(self, photo_id: str, name: str) -> "Seat":
         """The seat without a draft of a fiducial."""
-        subject = photo_id, name
-        kept = tuple(mark for mark in self.marks if (mark.photo_id, mark.name) != subject)
+        kept = tuple(mark for mark in self.marks if _key_of(mark) != (photo_id, name))
         return replace(self, marks=kept)
 
     def with_mark(self, mark: PlaceFiducial) -> "Seat":
         """The seat with the draft of a fiducial in the place of an earlier one."""
-        return replace(self, marks=(*self.without_mark(mark.photo_id, mark.name).marks, mark))
+        marks = (*self.without_mark(mark.photo_id, mark.name).marks, mark)
+        return replace(self, marks=marks, older=self.older - {_key_of(mark)})
+
+
+def _key_of(mark: PlaceFiducial) -> Key:
+    return mark.photo_id, mark.name
 
 
 @dataclass(frozen=True, slots=True)

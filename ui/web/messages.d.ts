@@ -275,6 +275,8 @@ interface MarkDraft {
   rms: number | null;
   against: boolean;
   asking: boolean;
+  /** True where something was decided since it was made. */
+  older: boolean;
 }
 interface Board { photos: ScanRow[]; films: Films; examples: Example[] }
 

@@ -420,7 +420,11 @@ function drop() {
 }
 
 /** What was done last is taken back first: a draft goes without a word. */
-const undo = () => drop() || send({ kind: "undo" });
+function undo() {
+  const { row, cell } = now() ?? {};
+  const draft = row && cell && draftOf(row.photo, cell.name);
+  return (draft && !draft.older && drop()) || send({ kind: "undo" });
+}
 
 function snap() {
   const { row, cell } = now() ?? {};
