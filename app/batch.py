@@ -18,7 +18,7 @@ from typing import Any, Literal, cast
 
 from app.block_toml import FILE, folder_of
 from app.project import read_project
-from app.run import STAGE_NAMES, Run, RunOptions
+from app.run import NOTHING_STANDS, STAGE_NAMES, Run, RunOptions
 from app.start import blocks_in
 from app.terminal import JsonLines, Voice, interruptible
 from core.errors import PhotogrammetryError, ProjectError
@@ -289,6 +289,8 @@ class Batch:
 
     def _refuse_failed(self) -> None:
         failed = [state for state in self.states.values() if state.state == "failed"]
+        if failed and self.table is None and failed[0].message == NOTHING_STANDS:
+            return  # as `gruber run` ends in this process, having said so
         if failed and self.table is None:
             remedy = "Correct what it names and give the same command again; what is done stays."
             raise ProjectError(failed[0].task.block, failed[0].message, remedy)
@@ -342,6 +344,8 @@ def run_apart(
                     told(task, stage)
                 case "error":
                     why = cast("str", from_json(line["told"]))
+                case "message" if line["text"] == NOTHING_STANDS:
+                    why = NOTHING_STANDS
                 case None:
                     last = text.strip()
                 case _:
@@ -349,8 +353,10 @@ def run_apart(
         code = process.wait()
     running.discard(process)
     seconds = round(time.monotonic() - started, 1)
-    if code in (0, CANCELLED):
-        return BlockState(task, "waiting" if code else "done", stage, seconds)
+    if code == CANCELLED:
+        return BlockState(task, "waiting", stage, seconds)
+    if code == 0 and not why:
+        return BlockState(task, "done", stage, seconds)
     ended = say("exit code {code}", code=code)
     return BlockState(task, "failed", stage, seconds, why or last or ended)
 
@@ -391,13 +397,19 @@ def run_on_cluster(client: Any, task: BlockTask) -> BlockState:
     future = client.submit(run_silently, whole, pure=False, retries=RETRIES)
     error = future.exception()
     seconds = round(time.monotonic() - started, 1)
+    if error is None and (why := future.result()):
+        return BlockState(task, "failed", "adjustment", seconds, why)
     if error is None:
         return BlockState(task, "done", task.until or STAGE_NAMES[-1], seconds)
     why = error.told if isinstance(error, PhotogrammetryError) else str(error)
     return BlockState(task, "failed", "", seconds, why)
 
 
-def run_silently(task: BlockTask) -> None:
-    """Run a block on a worker of a cluster, in its process, so that both end together."""
+def run_silently(task: BlockTask) -> str:
+    """Run a block on a worker of a cluster, in its process, so that both end together.
+
+    Returns:
+        Why it made no orthos, mosaic and report; empty where nothing was in the way.
+    """
     options = RunOptions(task.first or None, task.until or None, 1, task.language)
-    run_block(task.block, JsonLines(io.StringIO()), options)
+    return run_block(task.block, JsonLines(io.StringIO()), options).ended_early

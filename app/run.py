@@ -113,6 +113,8 @@ class Run:
         self.threads = Threads(options.workers, lambda: self.interruption.check())
         self.interruption = Interruption()
         self.films: Films = {}
+        self.ended_early = ""
+        """Why the walk went no further than the adjustment; empty where it did."""
 
     @property
     def last_walk(self) -> dict[str, Any]:
@@ -131,6 +133,7 @@ class Run:
                     if name == self.options.last and not self.again(name):
                         break
                     if name == "adjustment" and not self.stands:
+                        self.ended_early = NOTHING_STANDS
                         self.voice.say(NOTHING_STANDS)
                         break
             except (KeyboardInterrupt, Cancelled):

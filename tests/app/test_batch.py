@@ -2,6 +2,7 @@
 
 import csv
 import pickle
+import re
 import shutil
 import signal
 import subprocess
@@ -11,10 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from app.batch import TABLE, BlockTask, read_list, run_apart
+from app.batch import TABLE, BlockTask, read_list, run_apart, run_silently
 from app.block_toml import FieldError
 from app.cli import DONE, UNUSABLE, main
 from app.project import read_project
+from app.run import NOTHING_STANDS
 from core.errors import ProjectError
 from ui.words.catalogue import Teller
 
@@ -108,6 +110,28 @@ def test_why_a_block_failed_is_told_in_every_language__law(tmp_path):
         sent = pickle.loads(pickle.dumps(told))
         assert (type(sent), vars(sent)) == (type(told), vars(told))
         assert tell.again(sent.told) == tell.again(told.told)
+
+
+def test_a_block_in_which_no_photo_stands_is_not_done__truth(tiny_block, tmp_path, capsys):
+    """The list said "done" where `gruber report` ends with an error."""
+    folder = tmp_path / "archive" / "one"
+    shutil.copytree(tiny_block, folder)
+    for scan in sorted((folder / "scans").glob("*.tif"))[1:]:
+        scan.unlink()
+    text = (folder / "block.toml").read_text(encoding="utf-8")
+    points = '[control]\npoints = "points.csv"\n'
+    text = re.sub(r"\[reference\]\n(.+\n)+", points, text)
+    (folder / "block.toml").write_text(text, encoding="utf-8")
+    (folder / "points.csv").write_text("id,X,Y,Z\nA,-577500,-1192900,300\n", encoding="utf-8")
+    assert main(["batch", str(tmp_path / "archive")]) == UNUSABLE
+    assert NOTHING_STANDS in capsys.readouterr().err
+    row = rows(tmp_path / "archive")["one"]
+    assert (row["state"], row["stage"]) == ("failed", "adjustment")
+    assert row["message"] == NOTHING_STANDS
+    assert run_silently(BlockTask(folder)) == NOTHING_STANDS
+    for executor in ("threads", "processes"):
+        assert main(["run", str(folder), "--executor", executor]) == DONE
+        assert NOTHING_STANDS in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("executor", ["local", "processes", "dask"])
