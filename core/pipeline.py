@@ -156,7 +156,7 @@ STAGES: tuple[Stage, ...] = (
         ("scans",),
         lambda given: (given.georeference, given.reference),
         _georeference,
-        version=3,
+        version=4,
     ),
     Stage(
         "reference",

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 
 from core.doubts import Doubt, Failure
+from core.errors import PhotogrammetryError
 from core.formats.eo_list import EoRecord, read_eo_list
 from core.formats.outlines import Footprint, Footprints, read_footprints
 from core.formats.qgis_points import QgisPoints, find_qgis_points, read_scan_points
@@ -37,6 +38,15 @@ Pairs = tuple[tuple[float, float, float, float], ...]
 GeoreferenceKind = Literal["world-file", "points", "footprints", "none"]
 NAMED = {"world-file": "world file", "points": ".points file", "footprints": "footprint"}
 """The sources in the words of a sentence."""
+NOWHERE = (
+    "Nothing says where {photo_id} was taken: no world file or points beside it, no row in the EO "
+    "list, no footprint."
+)
+NO_SOURCE = (
+    "Nothing says where {photo_id} was taken: no points beside it, no row in the EO list. World "
+    'files and footprints are not read, because [scans] georeference is "none".'
+)
+"""Why a photo cannot be placed, the second where block.toml wants no source to be read."""
 # design: about the ground of one photo 1 : 15 000; only a mean height is taken from it.
 UNDER_M = 1500.0
 """The ground under a photo is what lies within this of its perspective centre, metres."""
@@ -121,8 +131,9 @@ def georeference_photo(
 
     What an operator clicked at the desk comes first, then the EO list where it has the scan, then
     points that somebody clicked in this very scan in QGIS, then the source that was asked for;
-    where that has nothing for it, any other that does, with a doubt; at last the whole area, where
-    the scale of the photos is given.
+    where that has nothing for it, any other that does, with a doubt, unless none is asked for; at
+    last the whole area, where the scale of the photos is given. A .points file that was not asked
+    for and cannot be used is passed over, with a doubt, where another source serves.
 
     Args:
         oriented: The scan with its interior orientation.
@@ -133,31 +144,43 @@ def georeference_photo(
     Raises:
         PhotogrammetryError: A source of this scan is there and cannot be used.
     """
+    photo_id, wanted = oriented.photo_id, archive.georeference.source
+    clicked = photo_id in archive.georeference.clicked
+    record = archive.exterior.get(photo_id)
+    if record is not None and not clicked:
+        return _from_list(photo_id, record, archive, dem)
+    try:
+        found = _from_source("points", oriented, camera, archive, dem=dem)
+    except PhotogrammetryError as error:
+        other = None
+        if not clicked and wanted != "points":
+            other = _from_other_sources(oriented, camera, archive, dem)
+        if other is None:
+            raise
+        return replace(other, doubts=(*other.doubts, _passed_over(photo_id, error)))
+    if found is None:
+        found = _from_other_sources(oriented, camera, archive, dem)
+    reason = NO_SOURCE if wanted == "none" else NOWHERE
+    return Failure(say(reason, photo_id=photo_id)) if found is None else found
+
+
+def _from_other_sources(
+    oriented: ScanOrientation, camera: Camera, archive: Archive, dem: Dem
+) -> Approximation | None:
+    """What says where a photo is that has no row in the list and no points."""
     wanted = archive.georeference.source
-    order = ["points", *(k for k in (wanted, "world-file", "footprints") if k != "points")]
-    record = archive.exterior.get(oriented.photo_id)
-    if record is not None and oriented.photo_id not in archive.georeference.clicked:
-        return _from_list(oriented.photo_id, record, archive, dem)
-    for kind in order:
-        found = _from_source(kind, oriented, camera, archive, dem=dem)
-        if found is None:
-            continue
-        if kind == "points" or wanted in (kind, "none"):
+    every: tuple[GeoreferenceKind, ...] = (wanted, "world-file", "footprints")
+    for kind in () if wanted == "none" else every:
+        found = None if kind == "points" else _from_source(kind, oriented, camera, archive, dem=dem)
+        if found is not None and kind == wanted:
             return found
-        return replace(
-            found, doubts=(*found.doubts, _other_source(oriented.photo_id, wanted, kind))
-        )
+        if found is not None:
+            doubt = _other_source(oriented.photo_id, wanted, kind)
+            return replace(found, doubts=(*found.doubts, doubt))
     scale_number, area = archive.georeference.scale_number, archive.area
     if scale_number is not None and area is not None:
         return _from_area(scale_number, area, camera, archive, dem=dem)
-    return Failure(
-        say(
-            "Nothing says where {photo_id} was taken: no world file or points beside it, "
-            "no row in the EO list, no footprint.",
-            photo_id=oriented.photo_id,
-        ),
-        {"looked_for": order},
-    )
+    return None
 
 
 def footprints_in_block(footprints: Footprints, crs: str) -> Mapping[str, Footprint]:
@@ -283,6 +306,12 @@ def _other_source(photo_id: str, wanted: str, used: str) -> Doubt:
         ),
         evidence={"wanted": wanted, "used": used},
     )
+
+
+def _passed_over(photo_id: str, error: PhotogrammetryError) -> Doubt:
+    """The doubt of a photo whose .points file cannot be used and was not needed."""
+    message = say("{why} The scan was placed by another source.", why=error.told)
+    return Doubt("georeference-unused", photo_id, message, evidence={"file": error.file})
 
 
 def _names_none(file: Path, what: str, photo_ids: Collection[str]) -> Doubt:

@@ -116,6 +116,15 @@ def test_another_version_of_a_stage_makes_it_again__law(kitchen, monkeypatch):
     assert kitchen.walk() == ["georeference"]
 
 
+def test_a_place_on_an_unfit_map_that_was_kept_is_found_out__law(kitchen, monkeypatch):
+    """Version 3 of the stage placed photos on maps that are refused since."""
+    kept = (kitchen.stages[0], replace(kitchen.stages[1], version=3))
+    monkeypatch.setattr(app.run, "STAGES", kept)
+    kitchen.walk()
+    monkeypatch.setattr(app.run, "STAGES", kitchen.stages)
+    assert kitchen.walk() == ["georeference"]
+
+
 def test_from_makes_a_stage_and_all_after_it__law(kitchen):
     kitchen.walk()
     assert kitchen.walk(first="georeference") == ["georeference"]

@@ -39,7 +39,7 @@ from core.georeference.archive import (
     georeference_photo,
     open_archive,
 )
-from core.raster.dem import open_dem
+from core.raster.dem import Dem, open_dem
 from core.raster.files import open_plain
 from core.raster.scan_file import open_scan
 from core.scans.film_area import area_from_interior
@@ -275,13 +275,73 @@ def small_block(tmp_path: Path) -> Path:
     return tmp_path
 
 
+LITTLE = Camera("little", 60.0, (60.0, 60.0))
+
+
+def plain_scan(folder: Path) -> tuple[ScanOrientation, Dem]:
+    """A scan of nothing, and level ground around it."""
+    path = folder / "p1.tif"
+    write_gray(path, np.zeros((1500, 1500), np.uint8))
+    scan, interior = open_scan(path), nominal_interior((1500, 1500), LITTLE, 0.04)
+    write_gray(
+        folder / "dem.tif", np.full((60, 60), 300.0, np.float32),
+        transform=Affine(50, 0, 640000, 0, -50, 5413000), crs="EPSG:32633",
+    )  # fmt: skip
+    area = area_from_interior(interior, LITTLE)
+    oriented = ScanOrientation("p1", scan, interior, (), area, ())
+    return oriented, open_dem([folder / "dem.tif"], "EPSG:32633")
+
+
+@pytest.mark.parametrize("spoilt", ["mapX,mapY\n1,2\n", "mapX,mapY,sourceX,sourceY\n1,2,3,4\n"])
+def test_points_that_cannot_be_used_hold_up_no_other_source__truth(
+    tmp_path: Path, spoilt: str
+) -> None:
+    """A scan with a sound world file was set aside for the sake of its .points."""
+    oriented, dem = plain_scan(tmp_path)
+    (tmp_path / "p1.tif.points").write_text(spoilt)
+    archive = open_archive(Georeference(), "EPSG:32633", ["p1"], dem.bounds)
+    with pytest.raises(ScanError, match=r"p1\.tif\.points"):
+        georeference_photo(oriented, LITTLE, archive, dem)
+    write_world_file(tmp_path / "p1.tfw", np.array([[0.8, 0, 641000.0], [0, -0.8, 5412300.0]]))
+    found = georeference_photo(oriented, LITTLE, archive, dem)
+    assert not isinstance(found, Failure)
+    assert found.source == "world-file"
+    (doubt,) = found.doubts
+    assert (doubt.kind, doubt.subject) == ("georeference-unused", "p1")
+    assert "p1.tif.points: " in doubt.message
+    asked = replace(archive, georeference=Georeference("points"))
+    with pytest.raises(ScanError, match=r"p1\.tif\.points"):
+        georeference_photo(oriented, LITTLE, asked, dem)
+    sought = replace(archive, georeference=Georeference("none", scale_number=20_000))
+    found = georeference_photo(oriented, LITTLE, sought, dem)
+    assert not isinstance(found, Failure)
+    assert (found.source, found.doubts[-1].kind) == ("area", "georeference-unused")
+
+
+def test_who_wants_no_source_is_placed_by_none__truth(tmp_path: Path) -> None:
+    """World files and footprints were read all the same."""
+    oriented, dem = plain_scan(tmp_path)
+    write_world_file(tmp_path / "p1.tfw", np.array([[0.8, 0, 641000.0], [0, -0.8, 5412300.0]]))
+    outline = {"p1.tif": box(641000, 5411000, 642200, 5412200)}
+    write_footprints(tmp_path / "f.gpkg", outline, "n", "EPSG:32633")
+    wanted = Georeference("none", tmp_path / "f.gpkg", "n")
+    archive = open_archive(wanted, "EPSG:32633", ["p1"], dem.bounds)
+    found = georeference_photo(oriented, LITTLE, archive, dem)
+    assert isinstance(found, Failure)
+    assert 'georeference is "none"' in found.reason
+    (tmp_path / "p1.tif.points").write_text(
+        "mapX,mapY,sourceX,sourceY\n641000,5412300,0,0\n642200,5412300,1500,0\n"
+    )
+    found = georeference_photo(oriented, LITTLE, archive, dem)
+    assert not isinstance(found, Failure)
+    assert (found.source, found.doubts) == ("points", ())
+
+
 @pytest.mark.parametrize("inside", ["transform", "points"])
 def test_a_scan_georeferenced_inside_in_another_crs__truth(tmp_path: Path, inside: str) -> None:
     """The same scan with a georeference in the block's CRS lies in the same place."""
-    camera, path = Camera("little", 60.0, (60.0, 60.0)), tmp_path / "p1.tif"
-    write_gray(path, np.zeros((1500, 1500), np.uint8))
-    scan, interior = open_scan(path), nominal_interior((1500, 1500), camera, 0.04)
-    oriented = ScanOrientation("p1", scan, interior, (), area_from_interior(interior, camera), ())
+    oriented, dem = plain_scan(tmp_path)
+    camera, path = LITTLE, tmp_path / "p1.tif"
     pixels = np.array([[0.0, 0.0], [1500, 0], [1500, 1500], [0, 1500]])
     plane = np.array([641000.0, 5412300.0]) + pixels * (0.8, -0.8)
     web = operation_between("EPSG:32633", "EPSG:3857", plane, path).forward(plane)
@@ -293,11 +353,6 @@ def test_a_scan_georeferenced_inside_in_another_crs__truth(tmp_path: Path, insid
             pairs = zip(pixels, web, strict=True)
             points = [GroundControlPoint(p[1], p[0], w[0], w[1]) for p, w in pairs]
             dataset.gcps = (points, "EPSG:3857")
-    write_gray(
-        tmp_path / "dem.tif", np.full((60, 60), 300.0, np.float32),
-        transform=Affine(50, 0, 640000, 0, -50, 5413000), crs="EPSG:32633",
-    )  # fmt: skip
-    dem = open_dem([tmp_path / "dem.tif"], "EPSG:32633")
     archive = open_archive(Georeference("world-file"), "EPSG:32633", ["p1"], dem.bounds)
     found = georeference_photo(oriented, camera, archive, dem)
     assert not isinstance(found, Failure)

@@ -70,13 +70,6 @@ def test_points_in_map_units_place_a_scan_with_a_world_file__truth(
         assert np.abs(away).max() < 10
 
 
-def test_who_asks_for_no_source_misses_none__truth(given, scan_set):
-    open_ended = replace(given, georeference=replace(given.georeference, source="none"))
-    found = georeference(open_ended, scan_set)
-    assert len(found.block.photos) == 6
-    assert not [d for d in found.doubts if d.kind == "georeference-missing"]
-
-
 def test_a_map_far_from_scale_one_is_refused__truth(given, scan_set):
     alone = replace(given.reference, crs="EPSG:6933", ortho=(), dem=(), level_m=250.0)
     far = replace(given, reference=alone)
