@@ -14,6 +14,7 @@ from core.errors import ProjectError
 from core.formats.eo_list import ASKED, EoList, EoRecord, is_steep, read_eo_records
 from core.formats.exchange import Conventions, ExchangeBlock, ExchangeFormat, ExchangePhoto, Triple
 from core.formats.film_rays import median_misfit, not_oriented
+from core.formats.records import write_rows
 from core.formats.rotations import CONVENTIONS, RADIANS, AngleConvention, angles_of, rotation_of
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 from core.said import say
@@ -231,9 +232,9 @@ def write_eo_block(
     sigmas = [f"sigma_{name}" for name in "XYZ"]
     if plain:
         sigmas += [f"sigma_{name}_{unit}" for name in names]
-    lines = [f"# CRS: {block.crs}"] if block.crs else []
-    lines.append(f"# angles: {convention.order}, {unit}")
-    lines.append(",".join(["scan", "X", "Y", "Z", *(f"{n}_{unit}" for n in names), *sigmas]))
+    above = [f"# CRS: {block.crs}"] if block.crs else []
+    above.append(f"# angles: {convention.order}, {unit}")
+    rows = [["scan", "X", "Y", "Z", *(f"{n}_{unit}" for n in names), *sigmas]]
     oriented = {name: photo for name, photo in block.photos.items() if photo.exterior is not None}
     for photo in oriented.values():
         assert photo.exterior is not None
@@ -244,8 +245,8 @@ def write_eo_block(
         cells += _values(photo.sigma_centre_m, 1.0)
         if plain:
             cells += _values(photo.sigma_angles, RADIANS[unit])
-        lines.append(",".join(cells))
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        rows.append(cells)
+    write_rows(path, rows, above)
     return left_out(block, turned=plain)
 
 

@@ -7,6 +7,7 @@ as such, and angles may be left empty (position only). A comment such as
 the reader asks, unless who calls says it.
 """
 
+import csv
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -193,7 +194,10 @@ def _delimiter(header: str) -> str:
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
-    parts = line.split() if delimiter == " " else line.split(delimiter)
+    if delimiter == " ":
+        parts = line.split()
+    else:
+        parts = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
     return [part.strip().strip('"') for part in parts]
 
 

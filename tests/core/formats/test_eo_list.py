@@ -58,6 +58,20 @@ def test_columns_in_any_order_and_case__truth(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.angles, np.radians([-0.9, 0, 180]))
 
 
+@pytest.mark.parametrize("name", ["Strip 1, photo 2.tif", 'a, "b", c.tif'])
+def test_a_name_with_commas_is_read_as_it_was_written__law(tmp_path: Path, name: str) -> None:
+    """Its row was cut in the middle of the name."""
+    exterior = ExteriorOrientation(np.array([1.0, 2.0, 3.0]), 0.1, 0.2, 0.3)
+    path, stem = tmp_path / "eo.csv", name.removesuffix(".tif")
+    write_eo_block(path, ExchangeBlock(photos={stem: ExchangePhoto(stem, name, exterior=exterior)}))
+    record = read_eo_list(path)[stem]
+    assert record.file == name
+    assert record.centre == (1.0, 2.0, 3.0)
+    np.testing.assert_allclose(record.angles, (0.1, 0.2, 0.3))
+    path.write_text(f'{HEADER}a,1,2,3,,,\n"b, c" , 1, 2, 3,,,\n')
+    assert set(read_eo_list(path)) == {"a", "b, c"}
+
+
 def test_position_only_rows__truth(tmp_path: Path) -> None:
     path = tmp_path / "eo.csv"
     path.write_text(
