@@ -321,6 +321,8 @@ def read_cells(lattice: Lattice, window: CellWindow, content: Content, exact: bo
         content: Gray (luminance), colour (three bands, 0 to 255) or heights.
         exact: From original pixels, never from overviews.
     """
+    # GDAL would mix what is no height into its means.
+    exact = exact or any(sheet.strays for sheet in lattice.sheets)
     values = np.zeros((BANDS[content], window.rows, window.columns), dtype=np.float32)
     weight = np.zeros((window.rows, window.columns), dtype=np.float32)
     for place in _tiles_under(window):

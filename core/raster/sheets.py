@@ -18,6 +18,7 @@ from scipy import ndimage
 
 from core.arrays import Affine2, Mask, locked
 from core.errors import ReferenceDataError
+from core.formats.listed_point import HIGHEST_M, LOWEST_M
 from core.geometry.crs import (
     FARTHEST_M,
     Operation,
@@ -60,7 +61,8 @@ MOST_SHEETS = 512
 # design: a second of reading.
 LOOKED_THROUGH_PX = 40_000_000
 """DEM files up to this size are looked through for heights when they are opened."""
-# design: a thousandth of a second, and nearly every DEM shows a height among them.
+# design: a thousandth of a second, and nearly every DEM shows a height among them; numbers that are
+# no heights and fall between them move its mean by centimetres.
 EMPTY_SAMPLE_PX = 500
 """So many of its pixels a side are looked at first."""
 
@@ -132,6 +134,8 @@ class Sheet:
     """Heights are the file's numbers times this, ..."""
     addend: float
     """... plus this, metres."""
+    strays: bool
+    """Whether a DEM has numbers that are no heights, such as a nodata value it does not name."""
 
     def corners(self) -> Float64[np.ndarray, "4 2"]:
         """The four outer corners in the sheet's own CRS."""
@@ -203,9 +207,10 @@ def _sheet(name: str, stamp: Stamp, crs: str, what: SheetKind) -> Sheet:
                 say("this {what} sheet has no place on the ground.", what=what),
                 "Put its world file beside it, with the same name.",
             )
+        strays = False
         if what == "DEM":
             _refuse_feet(raster, path)
-            _refuse_empty(raster, path)
+            strays = _has_strays(raster, path)
         a, b, c, d, e, f = raster.transform[:6]
         bands = (1,) if what == "DEM" else _picture_bands(raster, path)
         flags = raster.mask_flag_enums[bands[0] - 1]
@@ -223,6 +228,7 @@ def _sheet(name: str, stamp: Stamp, crs: str, what: SheetKind) -> Sheet:
             collar=None if what == "DEM" else detect_collar(raster, bands),
             factor=float(raster.scales[bands[0] - 1]),
             addend=float(raster.offsets[bands[0] - 1]),
+            strays=strays,
         )
 
 
@@ -280,15 +286,22 @@ def _refuse_feet(raster: rasterio.DatasetReader, path: Path) -> None:
     )
 
 
-def _refuse_empty(raster: rasterio.DatasetReader, path: Path) -> None:
-    """A DEM file of nothing but nodata was cut in the wrong place."""
-    if raster.width * raster.height > LOOKED_THROUGH_PX:
-        return
+def _has_strays(raster: rasterio.DatasetReader, path: Path) -> bool:
+    """Whether a DEM file has numbers that are no heights; too few to be seen change no mean.
+
+    Raises:
+        ReferenceDataError: It is nothing but nodata: it was cut in the wrong place.
+    """
     shape = (min(raster.height, EMPTY_SAMPLE_PX), min(raster.width, EMPTY_SAMPLE_PX))
+    looked_through = raster.width * raster.height <= LOOKED_THROUGH_PX
     # A few scattered pixels may fall between those that are looked at first.
-    for sample in ({"out_shape": shape}, {}):
-        if np.isfinite(raster.read(1, masked=True, **sample).compressed()).any():
-            return
+    for sample in ({"out_shape": shape}, {}) if looked_through else ({"out_shape": shape},):
+        numbers = raster.read(1, masked=True, **sample).compressed().astype(np.float64)
+        heights = numbers[np.isfinite(numbers)] * raster.scales[0] + raster.offsets[0]
+        if len(heights):
+            return bool(((heights <= LOWEST_M) | (heights >= HIGHEST_M)).any())
+    if not looked_through:
+        return False
     raise ReferenceDataError(
         path,
         "the DEM holds no height at all: every pixel is nodata.",

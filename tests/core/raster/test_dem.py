@@ -167,6 +167,16 @@ def test_a_dem_of_nodata_is_told__truth(tmp_path):
         open_dem(path, CRS)
 
 
+@pytest.mark.parametrize("stray", [-9999, 9999])
+def test_nodata_that_is_not_declared_lowers_no_mean__truth(tmp_path, stray):
+    """Seen from afar, it was mixed into the ground around it."""
+    heights = np.full((800, 800), 300, np.int16)
+    heights[::12, ::12] = stray
+    dem = open_dem(write_raster(tmp_path / "d.tif", heights, place(1.0)), CRS)
+    np.testing.assert_allclose(dem.on(Grid(WEST, NORTH, 8.0, 100, 100)), 300.0, atol=1e-3)
+    assert dem.mean_height() == pytest.approx(300.0)
+
+
 def test_real_dems__real(shared_data):
     dem = open_dem(shared_data / "vovcha-film" / "dem.tif", "EPSG:26918")
     assert 225 < dem.mean_height() < 415
