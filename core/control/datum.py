@@ -79,15 +79,14 @@ def lay_on_reference(
     """
     photos = [photo for photo in block.photos.values() if photo.oriented]
     about = np.mean([photo.exterior.centre for photo in photos], axis=0)
-    first = OpenPhoto(photos[0], block.cameras[photos[0].camera], scans[photos[0].photo_id])
-    least_m = LEAST_SHIFT_PX * finest_gsd_m(first, reference, orientation)
-    shift_m = max(SHIFT_M, least_m)
+    opened = [OpenPhoto(one, block.cameras[one.camera], scans[one.photo_id]) for one in photos]
+    coarsest_m = max(finest_gsd_m(one, reference, orientation) for one in opened)
+    shift_m = max(SHIFT_M, LEAST_SHIFT_PX * coarsest_m)
 
-    def cast(photo: Photo) -> Ballot | None:
-        opened = OpenPhoto(photo, block.cameras[photo.camera], scans[photo.photo_id])
-        return ballot(opened, reference, points, orientation, shift_m, about)
+    def cast(photo: OpenPhoto) -> Ballot | None:
+        return ballot(photo, reference, points, orientation, shift_m, about)
 
-    ballots = [found for found in mapper(cast, photos) if found is not None]
+    ballots = [found for found in mapper(cast, opened) if found is not None]
     if not ballots:
         return Failure("no reference point could be searched in any photo")
     consensus = join_ballots(ballots, prior(block, photos, shift_m))

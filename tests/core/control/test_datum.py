@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from core.block import Block
-from core.control.datum import SHIFT_M, ballot, join_ballots, lay_on_reference, prior
+from core.control import datum
+from core.control.datum import (
+    LEAST_SHIFT_PX,
+    SHIFT_M,
+    ballot,
+    join_ballots,
+    lay_on_reference,
+    prior,
+)
 from core.doubts import Failure
 from core.geometry.exterior import SimilarityInSpace
 from core.localisation.photo_orientation import OrientationOptions
@@ -107,6 +115,21 @@ def test_agreement_that_chance_could_bring_about_is_refused__truth(tiny, points)
     found = laid(tiny, astray, wrong, tiny.archival())
     assert isinstance(found, Failure)
     assert found.evidence["log10_e_value"] < 3
+
+
+def test_the_window_has_room_for_every_photo__law(tiny, points, monkeypatch):
+    """It was that of the photo whose name comes first, whatever the scale of the others."""
+    block = carried(tiny, np.zeros(7))
+    asked: list[float] = []
+    monkeypatch.setattr(datum, "ballot", lambda *given: asked.append(given[4]))
+    for coarse in block.photos:
+        monkeypatch.setattr(
+            datum,
+            "finest_gsd_m",
+            lambda opened, *_, coarse=coarse: 5.0 if opened.photo.photo_id == coarse else 0.5,
+        )
+        assert isinstance(laid(tiny, block, points, tiny.reference), Failure)
+    assert asked == [LEAST_SHIFT_PX * 5.0] * 9
 
 
 def test_no_points_at_all_are_a_failure__law(tiny, points):
