@@ -115,7 +115,7 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     inbox: queue.SimpleQueue[Event] = queue.SimpleQueue()
     access = Access(desk.host, desk.token or secrets.token_urlsafe(24), desk.looking)
     scene = SceneServer(
-        _extent(desk, state), SEAT_HEADER, inbox.put, lambda seat: inbox.put(SceneOpened(seat))
+        _extent(desk, state), SEAT_HEADER, lambda seat: inbox.put(SceneOpened(seat))
     )
     channel = Channel(
         inbox.put,

@@ -11,6 +11,7 @@ ON_SCREEN = """name => {
   const place = nodeRefFromName[name].getWorldPosition(camera.position.clone()).project(camera);
   return [(place.x + 1) / 2 * canvas.clientWidth, (1 - place.y) / 2 * canvas.clientHeight];
 }"""
+ROW = "[gruber.parts.point.key, gruber.parts.queue.filter]"
 NODE = "name => !!window.__viserMutable.nodeRefFromName[name]"
 
 
@@ -39,10 +40,14 @@ def test_a_photo_is_named_chosen_entered_and_left__truth(sit):
     page.mouse.click(*photo)
     page.wait_for_function("gruber.parts.scene.photo === '1938_02_015'")
     page.wait_for_selector("#scene-legend:has-text('02_015')")
+    page.wait_for_function("gruber.parts.point.key[1] === '1938_02_015'")
+    chosen = page.evaluate(ROW)
     page.mouse.dblclick(*photo)
     page.wait_for_selector("#scene-leave:has-text('02_015')")
     assert not page.locator("#scene-legend").is_visible()
     scene.wait_for_function(NODE, arg="/veil")
+    # The second click met what is seen from inside, and another row was chosen.
+    assert page.evaluate(ROW) == chosen
     page.keyboard.press("Escape")
     page.wait_for_selector("#scene-leave", state="hidden")
     # The eye is back where it was.

@@ -3,6 +3,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 
 import { eyeOf, northOf, pixelMetres, rayThrough } from "../../ui/web/pages/eye.js";
+import { isChoice } from "../../ui/web/pages/sight.js";
 
 const near = (found, wanted, within = 1e-9) => found.forEach((value, i) =>
   assert.ok(Math.abs(value - wanted[i]) <= within, `${found} is not ${wanted}`));
@@ -48,4 +49,10 @@ test("viser's own axes are turned into east, north, up__truth", () => {
   near(found.forward, [0, 1, 0]);
   near([found.slope], [1]);
   assert.equal(eyeOf({}), null);
+});
+
+test("a click chooses; a drag and the second click of a double click do not__law", () => {
+  const click = (detail, clientX) => isChoice({ detail, clientX, clientY: 20 }, [10, 20]);
+  assert.ok(click(1, 10) && click(1, 13));
+  assert.ok(!click(1, 90) && !click(2, 10) && !click(3, 10));
 });

@@ -446,6 +446,7 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "relief": _raised,
     "theme": lambda seat, message: ThemeChosen(seat, bool(message["light"])),
     "hover": _aimed("hover"),
+    "click": _aimed("pick"),
     "follow": _aimed("follow"),
     "enter": lambda seat, message: PhotoEntered(seat, str(message["photo"])),
     "fit": lambda seat, message: Fitted(seat, bool(message.get("whole", True))),

@@ -20,7 +20,6 @@ from viser import _messages as viser_messages  # pyright: ignore[reportPrivateUs
 from websockets.datastructures import Headers
 from websockets.http11 import Response
 
-from ui.review.gestures import Aimed, Gesture
 from ui.review.scene import ScenePicture
 from ui.review.state import SceneOptions
 from ui.review.tiles import Colour
@@ -64,16 +63,10 @@ class Shown:
 class SceneServer:
     """Viser, closed to strangers; one `BlockView` per browser, changed in one thread in order."""
 
-    def __init__(
-        self,
-        stage: Stage,
-        seat_header: str,
-        hand_up: Callable[[Gesture], None],
-        opened: Callable[[str], None],
-    ) -> None:
+    def __init__(self, stage: Stage, seat_header: str, opened: Callable[[str], None]) -> None:
         self.secret = secrets.token_urlsafe(24)
         self._stage, self._seat_header = stage, seat_header
-        self._hand_up, self._opened = hand_up, opened
+        self._opened = opened
         self._clients: dict[int, tuple[str, viser.ClientHandle]] = {}
         self._views: dict[int, BlockView] = {}
         self._wanted: dict[str, Shown] = {}
@@ -158,12 +151,6 @@ class SceneServer:
             return
         seat_id = connection.request.headers.get(self._seat_header, "")
         self._clients[client.client_id] = seat_id, client
-
-        async def clicked(event: viser.SceneClickEvent) -> None:
-            self._hand_up(Aimed(seat_id, "pick", event.ray_origin, event.ray_direction))
-
-        # Typed for plain functions only, but coroutines are what keeps clicks in order.
-        client.scene.on_click()(cast(Any, clicked))
 
         async def moved(camera: viser.CameraHandle) -> None:
             distance = float(np.linalg.norm(camera.position - camera.look_at))

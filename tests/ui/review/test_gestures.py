@@ -79,6 +79,10 @@ def test_messages_that_are_not_well_formed_are_no_gestures__law(message):
             {"kind": "follow", "number": 7, "ray": [1, 2, 3, 0, 0, -1]},
             Aimed("s", "follow", (1.0, 2.0, 3.0), (0.0, 0.0, -1.0), 7),
         ),
+        (
+            {"kind": "click", "number": 8, "ray": [1, 2, 3, 0, 0, -1]},
+            Aimed("s", "pick", (1.0, 2.0, 3.0), (0.0, 0.0, -1.0), 8),
+        ),
         ({"kind": "quality", "shown": True, "pair": [1, 3]}, QualityAsked("s", True, (1, 3))),
     ],
 )

@@ -12,7 +12,7 @@ from ui.views.server import KEPT_SHEETS, SECRET_HEADER, SceneServer, Sheet
 
 @pytest.fixture
 def server():
-    made = SceneServer(Stage(1000.0, np.zeros(3)), "X-Seat", lambda _: None, lambda _: None)
+    made = SceneServer(Stage(1000.0, np.zeros(3)), "X-Seat", lambda _: None)
     yield made
     made.close()
 

@@ -1,5 +1,5 @@
-// What the pointer does in the 3D scene: cards of what it rests on, the way into a photo and out
-// again, and the photos that see a place. A click itself goes through viser.
+// What the pointer does in the 3D scene: what it chooses, cards of what it rests on, the way into
+// a photo and out again, and the photos that see a place.
 import { eyeOf, rayThrough } from "./eye.js";
 import {
   byId, element, first, number, shortName, shortPoint, stateGlyph, turn, word,
@@ -14,6 +14,8 @@ const state = {
   /** Questions are numbered, also those of a page that was loaded anew. */
   number: Date.now(),
   pointer: /** @type {Pair} */ ([0, 0]),
+  /** Where it was pressed. */
+  pressed: /** @type {Pair} */ ([0, 0]),
   timer: 0,
   inside: "",
   /** Where a hand has begun to draw an area. */
@@ -28,7 +30,13 @@ export function setUpSight() {
   frame.addEventListener("load", () => {
     const inside = frame.contentWindow;
     inside?.addEventListener("pointermove", rest);
-    inside?.addEventListener("pointerdown", hideCard);
+    inside?.addEventListener("pointerdown", ({ clientX, clientY }) => {
+      hideCard();
+      state.pressed = [clientX, clientY];
+    });
+    inside?.addEventListener("click", (event) => {
+      if (isChoice(event, state.pressed)) ask("click", state.pressed);
+    });
     inside?.addEventListener("wheel", hideCard, { passive: true });
     inside?.document.addEventListener("pointerleave", hideCard);
     inside?.addEventListener("dblclick", ({ clientX, clientY }) => {
@@ -53,6 +61,14 @@ export function setUpSight() {
     state.corner = null;
   });
 }
+
+/**
+ * True of a click that chooses: a drag turns the block, and the second click of a double click
+ * would choose of what is seen from where that one leads.
+ * @param {Pick<MouseEvent, "clientX" | "clientY" | "detail">} click @param {Pair} pressed
+ */
+export const isChoice = ({ clientX, clientY, detail }, [x, y]) =>
+  detail === 1 && Math.hypot(clientX - x, clientY - y) <= MOVED_PX;
 
 /** The next drag over the scene draws an area of the queue; once more, and it does not. */
 export function drawArea() {
