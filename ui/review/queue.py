@@ -368,26 +368,27 @@ def keep_seat_up(seat: Seat, rows: Mapping[Key, Row]) -> Seat:
     """The seat with measurements that are new at the end of its queue, and no vanished ones.
 
     Drafts of what has vanished go as well; new points that only drafts begin are not in the rows.
+    A seat whose queue was empty looks at what has come to it.
     """
-    known, begun = set(seat.order), seat.begun
-    if len(known) == len(rows) and all(key in known for key in rows):
+    known, begun, before = set(seat.order), seat.begun, seat.current
+    if before is not None and known == set(rows):
         return seat
     order = tuple(key for key in seat.order if key in rows or key[0] in begun)
     fresh = tuple(sorted(key for key in rows if key not in known))
-    stays = seat.current is not None and (seat.current in rows or seat.current[0] in begun)
-    current = seat.current if stays else _beside(seat, rows)
+    stays = before is None or before in rows or before[0] in begun
+    current = before if stays else _beside(seat, rows)
     drafts = tuple(one for one in seat.drafts if one.key in rows or one.begins)
     seat = replace(seat, order=order + fresh, current=current, drafts=drafts)
-    if current is None and seat.filter.state == "measure":
+    if not stays and current is None and seat.filter.state == "measure":
         # What there was to measure is gone: back to what there is to do.
         return with_filter(seat, rows, QueueFilter())
+    if current is None and visible(rows, seat):
+        return with_filter(seat, rows, seat.filter)
     return seat
 
 
 def _beside(seat: Seat, rows: Mapping[Key, Row]) -> Key | None:
     """What stood beside a measurement that has vanished: the next in the queue, or the first."""
-    if seat.current is None:
-        return None
     shown = visible(rows, seat)
     here = seat.order.index(seat.current) if seat.current in seat.order else 0
     behind = {key for key in seat.order[here:] if key in rows}

@@ -93,7 +93,9 @@ class DeskSnapshot:
 
     def with_table(self, table: QueueTable) -> "DeskSnapshot":
         """The same with other rows, and every seat's queue kept up with them."""
-        seats = self.seats
-        if table.rows.keys() != self.table.rows.keys():
-            seats = {name: keep_seat_up(seat, table.rows) for name, seat in seats.items()}
+        same = table.rows.keys() == self.table.rows.keys()
+        seats = {
+            name: seat if same and seat.current else keep_seat_up(seat, table.rows)
+            for name, seat in self.seats.items()
+        }
         return replace(self, table=table, seats=seats)
