@@ -17,13 +17,7 @@ from app.desk.background import (
     survived,
 )
 from app.desk.inputs import DeskInputs, first_snapshot
-from app.desk.measuring import (
-    MeasuringTool,
-    Proposer,
-    is_overtaken,
-    notice_of_point,
-    with_name,
-)
+from app.desk.measuring import MeasuringTool, Proposer, is_overtaken, notice_of_point, with_name
 from app.desk.messages import (
     Adjusted,
     Closed,
@@ -289,9 +283,9 @@ class ReviewLoop:
         """What a gesture comes to: the decision on the disk before anything else."""
         before = still_asked(self._seat(gesture.seat_id), gesture)
         outcome = outcome_of(gesture, before, self._seen_by(before))
-        seat = outcome.seat.once_decided() if outcome.decisions else outcome.seat
+        seat = outcome.seat
         if outcome.decisions:
-            self._record(outcome.decisions, seat)
+            seat = seat.once_decided(self._record(outcome.decisions, seat))
         elif seat.begun or before.begun:
             seat = keep_seat_up(seat, self._seen_by(seat).rows)
         self._now = self._now.with_seat(seat)
@@ -303,8 +297,8 @@ class ReviewLoop:
         if outcome.act:
             self._do(outcome.act, gesture, seat)
 
-    def _record(self, decisions: Sequence[Decision], seat: Seat) -> None:
-        """Only once it is on disk does anything else happen."""
+    def _record(self, decisions: Sequence[Decision], seat: Seat) -> int:
+        """Only once it is on disk does anything else happen; the number of the first one."""
         state = self._now.state
         with_it = act_of(decisions, state, self._now.recorded)
         recorded = self._session.record_all(decisions, state.block, seat.operator, with_it)
@@ -312,6 +306,7 @@ class ReviewLoop:
         self._replay_due = True
         # Seams move no photo.
         self._only_seams = all(isinstance(one, SeamLine | SeamArea) for one in decisions)
+        return recorded[0].decision_id
 
     def _do(self, act: Act, gesture: Gesture, seat: Seat) -> None:
         state = self._now.state
@@ -325,7 +320,7 @@ class ReviewLoop:
                 self._change_state(free=free, adjusting=True)
                 self._adjust_due = True
             case "undo" | "redo":
-                self._turn_back(act, seat)
+                self._turn_back(act, seat, getattr(gesture, "mark", None))
             case "remake":
                 self._remake(seat)
             case "cancel" if state.remaking is not None:
@@ -341,13 +336,17 @@ class ReviewLoop:
             case _:
                 pass
 
-    def _turn_back(self, act: Literal["undo", "redo"], seat: Seat) -> None:
+    def _turn_back(
+        self, act: Literal["undo", "redo"], was: Seat, mark: tuple[str, str] | None
+    ) -> None:
         """Undo or redo the operator's own last decision, in a sheet of those made there; look."""
-        made, seat = turn_back(self._session, act, seat, self._made, self._now.present)
+        made, seat = turn_back(self._session, act, was, self._made, self._now.present, mark=mark)
+        if was.begun:
+            seat = keep_seat_up(seat, self._seen_by(seat).rows)
         self._now = self._now.with_seat(seat)
         touched = touched_by(made[-1], self._session.decisions()) if made else None
         if touched is None:
-            if notice := nothing_notice(act, seat):
+            if notice := nothing_notice(act, was, seat):
                 self._screen.tell(seat.seat_id, notice)
             return
         self._made |= {item.decision_id: seat.seat_id for item in made}

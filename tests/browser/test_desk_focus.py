@@ -348,6 +348,18 @@ def test_a_question_answered_by_a_click_too_soon_says_so__law(
     assert len(real_desk.session.decisions()) == before
 
 
+def test_a_held_enter_presses_a_button_once__law(page: Any, real_desk: RealDesk) -> None:
+    """It went on with the points that came next, which nobody had seen."""
+    before = len(real_desk.session.decisions())
+    page.focus("[data-act=accept]")
+    for _ in range(8):
+        page.keyboard.down("Enter")
+        page.wait_for_timeout(100)
+    page.keyboard.up("Enter")
+    page.wait_for_function("!gruber.isAhead()")
+    assert len(real_desk.session.decisions()) == before + 1
+
+
 def test_a_double_click_decides_once__law(page: Any, real_desk: RealDesk) -> None:
     """The second click judged the point that came next, which nobody had seen."""
     before = len(real_desk.session.decisions())

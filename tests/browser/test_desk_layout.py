@@ -97,6 +97,7 @@ BUSY = """() => {
   };
   say("mp", "status.mp.short", { count: 12 });
   document.getElementById("mp").append(" 0.352 \u2192 0.347 m");
+  document.getElementById("drafts").hidden = false;
   say("drafts", "status.drafts", { count: 12 });
   say("working", "status.diverged", {});
   say("saved", "status.saved", { count: 1234 });

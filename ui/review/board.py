@@ -94,7 +94,6 @@ def board_drafts_part(
                 "off": short(effect.length_um, 1),
                 "against": effect.is_against,
                 "asking": seat.asking == mark,
-                "older": (mark.photo_id, mark.name) in seat.older,
             }
         )
     return parts

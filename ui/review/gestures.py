@@ -116,9 +116,11 @@ class RoleSwitched:
 
 @dataclass(frozen=True, slots=True)
 class Undone:
-    """The last decision is withdrawn."""
+    """What was done last is taken back: a draft, or a decision."""
 
     seat_id: str
+    mark: Key | None = None
+    """Photo and name of the fiducial that the board shows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -432,7 +434,7 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "refine": lambda seat, message: Refined(seat, _key(message)),
     "peak": lambda seat, message: PeakChosen(seat, _key(message), int(message["index"])),
     "role": lambda seat, message: RoleSwitched(seat, str(message["point"])),
-    "undo": lambda seat, message: Undone(seat),
+    "undo": lambda seat, message: Undone(seat, _key(message) if "key" in message else None),
     "redo": lambda seat, message: Redone(seat),
     "step": lambda seat, message: Stepped(
         seat, 1 if int(message["step"]) > 0 else -1, bool(message.get("undecided", False))

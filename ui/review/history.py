@@ -197,9 +197,12 @@ def turn_back(
     seat: Seat,
     made: Mapping[int, str],
     present: Collection[str],
+    *,
+    mark: Key | None = None,
 ) -> tuple[tuple[Recorded, ...], Seat]:
     """What undoing or redoing a seat's last decision records; in a sheet, of those made there.
 
+    Undo gives up the draft that is shown instead where nothing that stands was decided since.
     A plan of checks and a signature are asked about first: nothing is recorded, and the seat asks.
 
     Args:
@@ -209,6 +212,7 @@ def turn_back(
         made: Seats by the numbers of the decisions made there: a seat's own are those of all its
             names, and people may share a name.
         present: Who sits here.
+        mark: The fiducial that the board shows.
     """
     kinds, decisions = SHEET_KINDS.get(seat.sheet, ()), session.decisions()
     own = {number for number, seat_id in made.items() if seat_id == seat.seat_id}
@@ -216,6 +220,9 @@ def turn_back(
     others |= _words_elsewhere(decisions) if seat.sheet == "mosaic" else set()
     whose = seat.operator, kinds, others, own
     last = last_to_undo(decisions, *whose) if act == "undo" else None
+    shown = mark if seat.sheet else seat.current
+    if act == "undo" and shown and is_newer(seat, shown, last):
+        return (), seat.without_draft(shown).without_mark(*shown)
     asked = seat.turning[0] if seat.turning else 0
     if last is not None and last.decision_id != asked and (about := _undo_question(last.decision)):
         return (), replace(seat, turning=(last.decision_id, about))
@@ -223,6 +230,13 @@ def turn_back(
     turn = session.undo if act == "undo" else session.redo
     turn(*whose)
     return tuple(session.decisions()[known:]), replace(seat, turning=None)
+
+
+def is_newer(seat: Seat, drafted: Key, last: Recorded | None) -> bool:
+    """True where there is a draft of a measurement or mark, and no decision since that stands."""
+    if not seat.draft_of(drafted) and not seat.mark_of(*drafted):
+        return False
+    return last is None or last.decision_id < seat.older.get(drafted, last.decision_id + 1)
 
 
 def _words_elsewhere(decisions: Sequence[Recorded]) -> set[int]:
@@ -255,9 +269,9 @@ def _undo_question(decision: Decision) -> Notice | None:
             return None
 
 
-def nothing_notice(act: str, seat: Seat) -> Notice | None:
-    """Told where there is nothing to undo or redo; a question is shown where it can be answered."""
-    if seat.turning:
+def nothing_notice(act: str, before: Seat, seat: Seat) -> Notice | None:
+    """Told where there is nothing to undo or redo: neither a question nor a draft that went."""
+    if seat.turning or (seat.drafts, seat.marks) != (before.drafts, before.marks):
         return None
     here = seat.sheet in SHEET_KINDS
     return Notice(f"notice.nothing-to-{act}.here" if here else f"notice.nothing-to-{act}")

@@ -149,9 +149,6 @@ def _act(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return Outcome(seat, act="free")
         case AnswerAsked():
             return Outcome(seat, act="answer")
-        case Undone() if not seat.sheet and (draft := seat.latest_draft()):
-            # What was done last is taken back first.
-            return Outcome(seat.without_draft(draft.key))
         case Undone() | Redone():
             act = "undo" if isinstance(gesture, Undone) else "redo"
             return Outcome(replace(seat, explaining=()), act=act)

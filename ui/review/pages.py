@@ -155,7 +155,7 @@ def _sheet_parts(
         yield (
             "board_drafts",
             (
-                (seat.marks, seat.older, seat.asking, *adjusted, desk.recorded),
+                (seat.marks, seat.asking, *adjusted, desk.recorded),
                 lambda: board_drafts_part(seat, state, desk.initial, desk.recorded),
             ),
         )

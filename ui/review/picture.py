@@ -348,7 +348,7 @@ def _others(
             "at": _place_in(state, drawn, dem, key),
             "hidden": is_hidden(state.block.measurements.get(key)),
             "score": short(rows[key].score, 2),
-            "misfit": short(rows[key].misfit_px, 1),
+            "misfit": short(rows[key].misfit_px, 2),
             "version": drawn[key[1]].version,
         }
         for key in by_view(state.to_measure, keys)

@@ -300,7 +300,9 @@ def with_filter(seat: Seat, rows: Mapping[Key, Row], wanted: QueueFilter) -> Sea
     # A name that is being typed is a filter with every letter: none is come back to.
     kept = seat.current and not seat.filter.text
     places = {**dict(seat.places), **({seat.filter: seat.current} if kept else {})}
-    there = places.get(wanted, seat.current)
+    # What a search found stays in sight when the field is emptied.
+    found = seat.current if replace(wanted, text=seat.filter.text) == seat.filter else None
+    there = found or places.get(wanted, seat.current)
     if wanted.area not in ((), seat.filter.area) and not seat.scene.inside:
         # An area takes points of all photos: those of a chosen one are no longer shown alone.
         seat = replace(seat, scene=replace(seat.scene, photo=""))

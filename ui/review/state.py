@@ -161,8 +161,8 @@ class Seat:
     """The measurements just rejected, whose reason a digit may still give."""
     drafts: tuple[Draft, ...] = ()
     """Places not decided yet, one for a measurement at most."""
-    older: frozenset[Key] = frozenset()
-    """Measurements and marks with a draft made before the last decision: undo leaves it."""
+    older: Mapping[Key, int] = field(default_factory=dict[Key, int])
+    """Number of the first decision made since each draft of a measurement or mark."""
     marks: tuple[PlaceFiducial, ...] = ()
     """Drafts of fiducials, by hand or snapped, one for each at most."""
     asking: Draft | PlaceFiducial | None = None
@@ -182,10 +182,6 @@ class Seat:
         """The draft about a measurement."""
         return next((draft for draft in self.drafts if draft.key == key), None)
 
-    def latest_draft(self) -> Draft | None:
-        """The draft about what is looked at, if nothing was decided since it was made."""
-        return None if self.current in self.older else self.draft_of(self.current)
-
     @property
     def begun(self) -> dict[str, AddPoint]:
         """New points that are nothing but drafts so far, by name."""
@@ -193,18 +189,25 @@ class Seat:
 
     def without_draft(self, key: Key) -> "Seat":
         """The seat without a draft about a measurement."""
-        return replace(self, drafts=tuple(draft for draft in self.drafts if draft.key != key))
+        kept = tuple(draft for draft in self.drafts if draft.key != key)
+        return replace(self, drafts=kept)._asking_still(key)
 
     def with_draft(self, draft: Draft) -> "Seat":
         """The seat with a draft in the place of an earlier one about the same measurement."""
         draft = replace(draft, begins=draft.begins or self.begun.get(draft.key[0]))
-        drafts = (*self.without_draft(draft.key).drafts, draft)
-        return replace(self, drafts=drafts, older=self.older - {draft.key})
+        seat = self.without_draft(draft.key)
+        return replace(seat, drafts=(*seat.drafts, draft))
 
-    def once_decided(self) -> "Seat":
+    def once_decided(self, number: int) -> "Seat":
         """The seat once a decision was made: the drafts that are left are older than it."""
-        older = (*(draft.key for draft in self.drafts), *map(_key_of, self.marks))
-        return replace(self, older=frozenset(older))
+        drafted = (*(draft.key for draft in self.drafts), *map(_key_of, self.marks))
+        return replace(self, older={key: self.older.get(key, number) for key in drafted})
+
+    def _asking_still(self, gone: Key) -> "Seat":
+        """A question about a draft that is gone goes with it; a new one is asked about anew."""
+        older = {key: number for key, number in self.older.items() if key != gone}
+        asking = self.asking if self.asking in (*self.drafts, *self.marks) else None
+        return replace(self, older=older, asking=asking)
 
     def with_recorded(self, name: str) -> "Seat":
         """The seat once a new point is on disk: its other drafts are about a point that exists."""
@@ -220,12 +223,12 @@ class Seat:
     def without_mark(self, photo_id: str, name: str) -> "Seat":
         """The seat without a draft of a fiducial."""
         kept = tuple(mark for mark in self.marks if _key_of(mark) != (photo_id, name))
-        return replace(self, marks=kept)
+        return replace(self, marks=kept)._asking_still((photo_id, name))
 
     def with_mark(self, mark: PlaceFiducial) -> "Seat":
         """The seat with the draft of a fiducial in the place of an earlier one."""
-        marks = (*self.without_mark(mark.photo_id, mark.name).marks, mark)
-        return replace(self, marks=marks, older=self.older - {_key_of(mark)})
+        seat = self.without_mark(mark.photo_id, mark.name)
+        return replace(seat, marks=(*seat.marks, mark))
 
 
 def _key_of(mark: PlaceFiducial) -> Key:

@@ -275,8 +275,6 @@ interface MarkDraft {
   rms: number | null;
   against: boolean;
   asking: boolean;
-  /** True where something was decided since it was made. */
-  older: boolean;
 }
 interface Board { photos: ScanRow[]; films: Films; examples: Example[] }
 

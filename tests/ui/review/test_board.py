@@ -229,11 +229,6 @@ def test_gestures_on_the_board_mean_decisions__law(given: Any):
     assert outcome(plain.seat, kind="mark-drop").seat.marks == ()
     kept = outcome(plain.seat, kind="mark-use", use=True)
     assert (kept.decisions, kept.seat.marks) == ((drafted,), ())
-    # Undo takes back what was decided since, and the draft once more when it is moved.
-    (part,) = board_drafts_part(plain.seat.once_decided(), desk.state, desk.initial, ())
-    assert part["older"]
-    moved = outcome(plain.seat.once_decided(), kind="mark", place=[mark.column + 2, mark.row]).seat
-    assert not board_drafts_part(moved, desk.state, desk.initial, ())[0]["older"]
     # What the other marks contradict is asked about first.
     far = outcome(kind="mark", place=[mark.column + 40, mark.row]).seat
     assert mark_effect(desk.state, desk.initial, desk.recorded, far.marks[0]).is_against

@@ -13,8 +13,10 @@ from sessions.decisions import (
     Accept,
     AddPoint,
     BringPoints,
+    JudgeFiducial,
     JudgePhoto,
     Place,
+    PlaceFiducial,
     PlanChecks,
     ReadCheck,
     Recorded,
@@ -38,7 +40,7 @@ from ui.review.history import (
     turn_notice,
     with_adjustment,
 )
-from ui.review.state import NO_EXTRA, Seat
+from ui.review.state import NO_EXTRA, Draft, Seat
 from ui.words.catalogue import LANGUAGES, Teller, words
 
 KEY = ("J101", "a")
@@ -228,6 +230,36 @@ def test_a_word_at_the_desk_keeps_nothing_from_being_done_again_in_a_sheet__law(
         session.undo()
         (again,), _ = turn_back(session, "redo", seat, {}, ())
     assert again.decision == Withdraw(2)
+
+
+@pytest.mark.parametrize("sheet", ["", "board"])
+def test_undo_takes_back_what_was_done_last__law(tmp_path, sheet):
+    """A draft older than a decision went first, and one newer than what stands stayed."""
+    there = ("a", "1")
+    seat, mark = Seat("s", "ada", sheet=sheet, current=there), there if sheet else None
+
+    def drafted(at: Seat) -> Seat:
+        place = Place(*there, 1.0, 2.0)
+        return (
+            at.with_mark(PlaceFiducial(*there, 1.0, 2.0))
+            if sheet
+            else at.with_draft(Draft(there, place))
+        )
+
+    with Session.open(tmp_path, "ada") as session:
+        session.record(JudgeFiducial("b", "1", False))
+        seat = drafted(seat)
+        session.record(JudgeFiducial("c", "1", False))
+        (undone,), after = turn_back(session, "undo", seat.once_decided(2), {}, (), mark=mark)
+        assert undone.decision == Withdraw(2)
+        assert (after.drafts, after.marks) == (seat.drafts, seat.marks)
+        none, after = turn_back(session, "undo", after, {}, (), mark=mark)
+        assert (none, after.drafts, after.marks) == ((), (), ())
+        # Moved since the decision, it is what was done last.
+        _, moved = turn_back(session, "undo", drafted(seat.once_decided(1)), {}, (), mark=mark)
+        assert (moved.drafts, moved.marks) == ((), ())
+        (undone,), _ = turn_back(session, "undo", after, {}, (), mark=mark)
+        assert undone.decision == Withdraw(1)
 
 
 def test_a_new_name_keeps_the_own_decisions_within_reach_of_undo__law(tmp_path):

@@ -157,9 +157,8 @@ def test_a_draft_is_kept_by_yes_and_dropped_by_anything_else__law(desk, seat):
     assert kept.decisions == (near,)
     assert kept.seat.drafts == ()
     assert kept.seat.current != key
-    for gesture in (Dropped(seat.seat_id, key), Undone(seat.seat_id)):
-        dropped = outcome_of(gesture, drafted, desk)
-        assert (dropped.decisions, dropped.act, dropped.seat.drafts) == ((), "", ())
+    dropped = outcome_of(Dropped(seat.seat_id, key), drafted, desk)
+    assert (dropped.decisions, dropped.act, dropped.seat.drafts) == ((), "", ())
     rejected = outcome_of(Judged(seat.seat_id, key, "reject"), drafted, desk)
     assert rejected.decisions == (Reject(*key, "other"),)
     assert rejected.seat.drafts == ()
@@ -193,22 +192,12 @@ def test_a_draft_against_the_block_is_asked_about_once__law(desk, seat):
     assert (asked.decisions, asked.seat.asking) == ((), near.drafts[0])
     kept = outcome_of(Judged(seat.seat_id, key, "accept"), asked.seat, tried)
     assert kept.decisions == (near.drafts[0].decision,)
-    # Moved once more, it is asked about once more.
+    # Given up and placed there again, or moved, it is asked about once more.
+    given_up = outcome_of(Dropped(seat.seat_id, key), first.seat, desk).seat
+    again = given_up.with_draft(Draft(key, place))
+    assert outcome_of(Judged(seat.seat_id, key, "accept"), again, desk).decisions == ()
     other = first.seat.with_draft(Draft(key, replace(place, row=place.row + 1)))
     assert outcome_of(Judged(seat.seat_id, key, "accept"), other, desk).decisions == ()
-
-
-def test_undo_takes_back_a_decision_before_an_older_draft__law(desk, seat):
-    """The older draft went without a word, and the decision stayed."""
-    there = plain(desk, seat)[0]
-    near = Place(*there, *map(float, desk.state.block.measurements[there].pixel[0] + 0.1))
-    seat = replace(seat, current=there).with_draft(Draft(there, near))
-    decided = replace(seat.once_decided(), current=there)
-    undone = outcome_of(Undone(seat.seat_id), decided, desk)
-    assert (undone.act, undone.seat.draft_of(there)) == ("undo", seat.draft_of(there))
-    # Moved since, it is what was done last.
-    moved = decided.with_draft(Draft(there, replace(near, row=near.row + 1)))
-    assert outcome_of(Undone(seat.seat_id), moved, desk).seat.drafts == ()
 
 
 def test_several_at_once_are_one_act_and_drafts_in_doubt_wait__law(desk, seat):

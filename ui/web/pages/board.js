@@ -419,11 +419,10 @@ function drop() {
   return true;
 }
 
-/** What was done last is taken back first: a draft goes without a word. */
+/** What was done last is taken back: the draft that is shown, or a decision. */
 function undo() {
   const { row, cell } = now() ?? {};
-  const draft = row && cell && draftOf(row.photo, cell.name);
-  return (draft && !draft.older && drop()) || send({ kind: "undo" });
+  return send({ kind: "undo", ...(row && cell && { key: [row.photo, cell.name] }) });
 }
 
 function snap() {

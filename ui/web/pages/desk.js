@@ -70,7 +70,7 @@ const state = {
  * @param {() => unknown} act
  */
 function decide(act) {
-  if ((state.deciding && isAhead()) || isElsewhere()) {
+  if (isRead() && ((state.deciding && isAhead()) || isElsewhere())) {
     return tell({ text: "notice.ahead", values: {}, grave: false });
   }
   onceRead(() => {
@@ -98,6 +98,15 @@ function acceptProposals() {
   const keys = point ? proposalsOf(point) : [];
   if (keys.length) send({ kind: "judge", keys, verdict: "accept" });
   else tell({ text: "notice.no-proposal", values: {}, grave: false });
+}
+
+/** Leads from draft to draft; where there are none but of fiducials, to their board. */
+function goToDraft() {
+  const { point, queue, rows = [] } = state.parts;
+  const keys = (queue?.drafts ?? []).map((index) => rows[index].slice(0, 2));
+  const here = keys.findIndex((key) => key.join() === point?.key.join());
+  if (keys.length) send({ kind: "select", key: keys[(here + 1) % keys.length] });
+  else ACTS.board();
 }
 
 /** The photo that is looked at, placed anew by clicks. */
@@ -453,6 +462,7 @@ async function open() {
     askAboutMany(count);
   }, () => tell({ text: "notice.one-row", values: {}, grave: false }));
   setUpAsked(tell);
+  byId("drafts").addEventListener("click", goToDraft);
   setUpCompare();
   setUpScene();
   setUpPeople();

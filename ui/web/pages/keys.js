@@ -55,6 +55,13 @@ export function undoKey({ key, code, ctrlKey, metaKey, altKey, shiftKey, repeat 
 }
 
 /**
+ * A held Enter presses a button once: what it would press next nobody has seen.
+ * @param {KeyboardEvent} event
+ */
+const isHeld = ({ key, repeat, target }) => repeat && key === "Enter"
+  && ["BUTTON", "SUMMARY", "A"].includes(/** @type {HTMLElement} */ (target).tagName);
+
+/**
  * Every key of the page that nothing else uses goes to `take`, which says whether it meant
  * something. The same question is returned for frames that hand their keys up.
  * @param {(event: KeyboardEvent) => boolean} take
@@ -68,7 +75,7 @@ export function listenToKeys(take) {
   };
   for (const type of /** @type {const} */ (["keydown", "keyup"])) {
     window.addEventListener(type, (event) => {
-      if (takes(event)) event.preventDefault();
+      if (takes(event) || isHeld(event)) event.preventDefault();
     }, true);
   }
   window.addEventListener("focusin", ({ target }) => {

@@ -41,7 +41,7 @@ export function draftMark({ photo, name, place }, draw) {
   const { hand } = state;
   // The hand is on one mark at a time.
   if (hand && (hand.photo !== photo || hand.name !== name)) tellLater.now();
-  state.hand = { ...bare, ...draftOf(photo, name), photo, name, place, older: false };
+  state.hand = { ...bare, ...draftOf(photo, name), photo, name, place };
   tellLater(state.hand, draw);
   draw();
 }

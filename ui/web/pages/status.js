@@ -25,6 +25,7 @@ export function showStatus(status) {
       title: `${word(`status.${name}`)} \u00b7 ${word(`state.${name}.long`)}` },
       stateGlyph(name, 12), element("b", {}, `${status.counts[name]}`),
       element("span", { class: "muted" }, word(`status.${name}`)))));
+  byId("drafts").hidden = !status.drafts;
   byId("drafts").textContent = status.drafts ? word("status.drafts", { count: status.drafts }) : "";
   byId("drafts").title = word("status.drafts.tip");
   byId("working").classList.toggle("busy", adjusting);
