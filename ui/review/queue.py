@@ -281,11 +281,9 @@ def neighbour(shown: tuple[Key, ...], seat: Seat, step: int) -> Key | None:
         return shown[min(max(place, 0), len(shown) - 1)]
     after = {key: number for number, key in enumerate(seat.order)}
     here = after.get(seat.current, -1) if seat.current else -1
-    behind = [key for key in shown if after[key] > here]
-    ahead = [key for key in shown if after[key] < here]
     if step > 0:
-        return behind[0] if behind else shown[-1]
-    return ahead[-1] if ahead else shown[0]
+        return next((key for key in shown if after[key] > here), shown[-1])
+    return next((key for key in reversed(shown) if after[key] < here), shown[0])
 
 
 def next_open(rows: Mapping[Key, Row], seat: Seat) -> Key | None:
@@ -301,15 +299,14 @@ def with_filter(seat: Seat, rows: Mapping[Key, Row], wanted: QueueFilter) -> Sea
     kept = seat.current and not seat.filter.text
     places = {**dict(seat.places), **({seat.filter: seat.current} if kept else {})}
     # What a search found stays in sight when the field is emptied.
-    found = seat.current if replace(wanted, text=seat.filter.text) == seat.filter else None
+    found = replace(wanted, text=seat.filter.text) == seat.filter and seat.current
     there = found or places.get(wanted, seat.current)
     if wanted.area not in ((), seat.filter.area) and not seat.scene.inside:
         # An area takes points of all photos: those of a chosen one are no longer shown alone.
         seat = replace(seat, scene=replace(seat.scene, photo=""))
     # What is disputed has become so since the queue was sorted.
-    worst_first = wanted.state == "disputed" and (
-        wanted == seat.filter or seat.filter.state != "disputed"
-    )
+    anew = wanted == seat.filter or seat.filter.state != "disputed"
+    worst_first = wanted.state == "disputed" and anew
     if worst_first:
         seat = replace(seat, order=sort_keys(rows.values(), seat.sorting))
     seat = replace(seat, filter=wanted, places=tuple(places.items()))
