@@ -49,10 +49,12 @@ def test_the_current_row_is_in_sight_after_the_scene_had_the_window__law(sit):
     page = sit(scene=False)
     page.click('.chip[data-state="all"]')
     caught_up(page)
+    drawn = page.evaluate(DRAWN)
     grow(page, "compare")
-    for _ in range(page.evaluate("gruber.parts.queue.shown.length")):
-        page.keyboard.press("k" if page.evaluate("gruber.parts.point === null") else "j")
+    for _ in drawn:
+        page.keyboard.press("j")
         caught_up(page)
+    assert page.evaluate("gruber.parts.point.key.join('|')") not in drawn
     page.click('[data-grow="compare"]')
     page.wait_for_selector("#queue:visible")
     page.wait_for_function(

@@ -1,6 +1,8 @@
 """Scans of one camera together: marks without a certificate, ways to lie, blanks and doubles."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -22,13 +24,24 @@ CAMERA = Camera("little", 60.0, (60.0, 60.0))
 ODD = {"1": (-26.4, 26.0), "2": (26.0, 25.6), "3": (25.5, -26.0), "4": (-26.0, -26.3)}
 
 
-def test_marks_without_certificate_follow_from_all_photos__truth(tmp_path: Path) -> None:
-    oriented = {}
-    for seed in range(3):
-        path = tmp_path / f"p{seed}.tif"
+@pytest.fixture(scope="module")
+def uncertified(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], ScanOrientation]:
+    """Scans whose camera has no certificate, each oriented once: it takes many seconds."""
+    folder = tmp_path_factory.mktemp("uncertified")
+
+    @cache
+    def oriented(seed: int) -> ScanOrientation:
+        path = folder / f"p{seed}.tif"
         make_film(path, Film(turn_deg=0.4 * seed, shrinkage=(1.0, 1.0)), seed)
-        one = orient_scan(path, CAMERA, 40.0)
-        oriented[one.photo_id] = one
+        return orient_scan(path, CAMERA, 40.0)
+
+    return oriented
+
+
+def test_marks_without_certificate_follow_from_all_photos__truth(
+    uncertified: Callable[[int], ScanOrientation],
+) -> None:
+    oriented = {one.photo_id: one for one in map(uncertified, range(3))}
     family = settle_family(oriented, CAMERA, dict.fromkeys(oriented, 0.04))
     assert [doubt.kind for doubt in family.doubts] == ["fiducials-estimated"]
     places = np.array([family.camera.fiducials_mm[name] for name in ("UL", "UR", "LR", "LL")])
@@ -39,17 +52,14 @@ def test_marks_without_certificate_follow_from_all_photos__truth(tmp_path: Path)
 
 
 def test_marks_that_only_repeat_are_told_until_another_scan_has_them__truth(
-    tmp_path: Path,
+    uncertified: Callable[[int], ScanOrientation],
 ) -> None:
     oriented: dict[str, ScanOrientation] = {}
-    for seed in range(2):
-        path = tmp_path / f"r{seed}.tif"
-        make_film(path, Film(turn_deg=0.4 * seed, shrinkage=(1.0, 1.0)), seed)
-        one = orient_scan(path, CAMERA, 40.0)
+    for one in map(uncertified, range(2)):
         told = tuple(doubt_of_repeated(one.photo_id, mark) for mark in one.fiducials)
         oriented[one.photo_id] = replace(one, doubts=told)
-    alone = {name: oriented[name] for name in ("r0",)}
-    assert told_of(settle_family(alone, CAMERA, {"r0": 0.04}).oriented["r0"]) == set(CORNERS)
+    alone = {name: oriented[name] for name in ("p0",)}
+    assert told_of(settle_family(alone, CAMERA, {"p0": 0.04}).oriented["p0"]) == set(CORNERS)
     settled = settle_family(oriented, CAMERA, dict.fromkeys(oriented, 0.04)).oriented
     assert not any(told_of(scan) for scan in settled.values())
 
