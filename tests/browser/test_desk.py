@@ -124,7 +124,7 @@ def test_nothing_overlaps_and_nothing_needs_scrolling__law(sit):
 
 
 def test_y_n_u_change_state_and_sigma_nought__truth(sit):
-    page = sit()
+    page = sit(scene=False)
     first_sigma = sigma(page)
     rejected, _, _ = press(page, "n")
     assert state_of(page, rejected) == "rejected"
@@ -146,7 +146,7 @@ def test_y_n_u_change_state_and_sigma_nought__truth(sit):
 
 def test_a_row_that_moved_in_the_list_is_the_one_that_is_clicked__law(sit):
     """A point that came in moves the numbers of all rows behind it, and changes none of them."""
-    page = sit()
+    page = sit(scene=False)
     wanted = page.evaluate("""async () => {
       const { showQueue } = await import("/pages/queue.js");
       const { rows, order, queue } = gruber.parts;
