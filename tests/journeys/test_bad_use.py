@@ -12,12 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.synthetic.truth import read_truth
 from tests.journeys.copies import (
     REPOSITORY,
     BlockCopy,
     Told,
     copied,
     gruber,
+    nearly_placed,
     run_alone,
     stages_walked,
     started,
@@ -180,8 +182,11 @@ def test_one_scan_alone_goes_all_the_way__truth(copy_of: CopyOf) -> None:
     assert (copy.results / "mosaic.tif").is_file()
 
 
-def test_ctrl_c_ends_at_once_and_the_next_run_goes_on__law(copy_of: CopyOf, capsys: Capsys) -> None:
+def test_ctrl_c_ends_at_once_and_the_next_run_goes_on__law(
+    tiny_block: Path, copy_of: CopyOf, capsys: Capsys
+) -> None:
     copy = copy_of(2)
+    nearly_placed(copy, read_truth(tiny_block))
     process = started("--log-json", "run", copy.folder)
     assert process.stdout is not None
     for line in process.stdout:
