@@ -56,7 +56,7 @@ EYE = """(() => {
       asked: document.getElementById("asked")?.className ?? "",
       asks: asks(),
       drafts: document.getElementById("drafts")?.textContent ?? "",
-      draftRows: (window.gruber?.parts.queue?.drafts ?? [])
+      draftRows: (window.gruber?.parts?.queue?.drafts ?? [])
         .map(index => window.gruber.parts.rows[index].slice(0, 2).join("|")),
       marked: [...document.querySelectorAll(".row.marked")].map(r => r.dataset.state),
       many: document.getElementById("queue-place")?.className === "many",
