@@ -63,8 +63,8 @@ EYE = """(() => {
       chip: document.querySelector(".chip.on")?.dataset.state ?? "",
       mark: document.querySelector("#board .mark.on")?.dataset.mark ?? "",
       able: !document.querySelector("[data-act=accept]")?.disabled,
-      tag: e?.tagName ?? "", kind: e?.type ?? "", drafted: shown("board-draft"),
-      area: shown("scene-area"),
+      tag: e?.tagName ?? "", role: e?.role ?? "", kind: e?.type ?? "",
+      drafted: shown("board-draft"), area: shown("scene-area"),
       inQueue: Boolean(e?.closest("#queue")), gone: isGone(),
     };
   };
@@ -162,6 +162,8 @@ def drafts_nothing(seen: dict[str, Any]) -> bool:
 def _is_used_up(seen: dict[str, Any]) -> bool:
     """True for a key that what has the focus uses itself; a press comes as a click."""
     key, tag = seen["key"], seen["tag"]
+    if seen["role"] in ("separator", "region"):
+        return key in _USES["range"]
     if tag in ("BUTTON", "SUMMARY", "A"):
         return key in PRESSES
     if tag == "INPUT":

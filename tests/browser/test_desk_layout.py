@@ -254,6 +254,8 @@ def test_splitters_fit_every_window_and_go_back_by_a_double_click__law(sit, side
     page.set_viewport_size(SIZE)
     page.locator(f".split[data-side={side}]").dblclick()
     assert page.locator("#block").bounding_box() == usual
+    # What was dragged does not keep the keys.
+    assert page.evaluate("document.activeElement === document.body")
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,8 @@ export function listenToKeys(take) {
   window.addEventListener("click", ({ detail }) => {
     if (!detail) return;
     hand.held = null;
-    if (focused()?.matches("button, [role=listbox], [role=region]")) focused()?.blur();
+    const pressed = "button, [role=listbox], [role=region], [role=separator]";
+    if (focused()?.matches(pressed)) focused()?.blur();
   });
   return takes;
 }
