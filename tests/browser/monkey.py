@@ -360,7 +360,11 @@ class DeskWalk(PageWalk):
             raise Wrong("a question was answered before it could be read")
 
     def answered(self) -> None:
+        begun = time.monotonic()
         self.expect("!gruber.isAhead()", "the desk does not answer")
+        # What it was busy with was not late.
+        waited = time.monotonic() - begun
+        self.owed = [replace(one, at=one.at + waited) for one in self.owed]
 
     def meant(self, seen: Iterable[dict[str, Any]]) -> list[Meaning]:
         """What gestures mean; after an arrow a nudge may wait, which undo takes back first."""
