@@ -296,8 +296,9 @@ def _has_strays(raster: rasterio.DatasetReader, path: Path) -> bool:
     looked_through = raster.width * raster.height <= LOOKED_THROUGH_PX
     # A few scattered pixels may fall between those that are looked at first.
     for sample in ({"out_shape": shape}, {}) if looked_through else ({"out_shape": shape},):
-        numbers = raster.read(1, masked=True, **sample).compressed().astype(np.float64)
-        heights = numbers[np.isfinite(numbers)] * raster.scales[0] + raster.offsets[0]
+        numbers = raster.read(1, masked=True, **sample).compressed()
+        heights = numbers[np.isfinite(numbers)].astype(np.float64)
+        heights = heights * raster.scales[0] + raster.offsets[0]
         if len(heights):
             return bool(((heights <= LOWEST_M) | (heights >= HIGHEST_M)).any())
     if not looked_through:

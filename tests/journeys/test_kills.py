@@ -15,9 +15,10 @@ import rasterio
 
 from app.run import STAGE_NAMES as EVERY_STAGE
 from app.run import WHEN_ASKED
+from core.synthetic.truth import read_truth
 from sessions.decisions import Recorded
 from sessions.session import Session
-from tests.journeys.copies import REPOSITORY, BlockCopy, copied, started
+from tests.journeys.copies import REPOSITORY, BlockCopy, copied, nearly_placed, started
 
 SCANS = 2
 KILLS_A_STAGE = 1
@@ -68,6 +69,8 @@ def outcome(tiny_block: Path, tmp_path_factory: pytest.TempPathFactory) -> Outco
     folder = tmp_path_factory.mktemp("kills")
     calm = copied(tiny_block, folder / "calm", SCANS)
     killed = copied(tiny_block, folder / "killed", SCANS)
+    for copy in (calm, killed):
+        nearly_placed(copy, read_truth(tiny_block))
     rng = np.random.default_rng(20)
     seconds = finished(calm, "--until", "adjustment", "--workers", "1")
     kills: dict[str, int] = {}
