@@ -172,10 +172,12 @@ class Monkey:
         if not selects or self.page.query_selector("dialog[open]"):
             return
         select = self.rng.choice(selects)
+        name = select.get_attribute("id")
         values = select.evaluate("e => [...e.options].map(option => option.value)")
         value = self.rng.choice(values)
-        self.write(f"choose {value!r} of {select.get_attribute('id')}")
-        select.select_option(value)
+        self.write(f"choose {value!r} of {name}")
+        # By its name: the form may be drawn anew meanwhile.
+        self.page.select_option(f'[id="{name}"]', value)
 
 
 @dataclass
@@ -389,7 +391,8 @@ class DeskWalk(PageWalk):
         self.page.evaluate("document.activeElement?.blur?.()")
         meant: list[Meaning] = []
         stays = ("1", "2", "ArrowRight", "ArrowDown", "Escape", "Enter", "c")
-        aim, ahead, drafted = None, False, False
+        # The gesture before may not be answered yet.
+        aim, ahead, drafted = None, self.page.evaluate("gruber.isAhead()"), False
         for what in self.rng.choices(QUICK, k=self.rng.randint(2, 4)):
             if what == "row":
                 rows = [c for c in self.page.evaluate(CONTROLS) if c[0].startswith("row ")]
@@ -425,9 +428,11 @@ class DeskWalk(PageWalk):
         now = time.monotonic()
         if self.page.evaluate("gruber.isAhead()"):  # On a busy machine the hand outruns the desk.
             self.owed = [replace(one, at=now) for one in self.owed]
-        self.owed = [one for one in self.owed if one.what in LATE or now - one.at < LATE_S]
         self.owed += meant
-        waiting, fresh = [meaning for meaning in meant if meaning.must], []
+        # What came since the last look may answer what was owed then.
+        fresh = self.fresh()
+        self.owed = [one for one in self.owed if one.what in LATE or now - one.at < LATE_S]
+        waiting = [meaning for meaning in meant if meaning.must]
         while True:
             time.sleep(QUIET_S)
             fresh += self.fresh()
