@@ -2,6 +2,11 @@
 
 import time
 from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from tests.browser.conftest import PATIENCE_MS
 
 
 def sigma(page) -> float:
@@ -116,3 +121,50 @@ def wire_cut(page):
     page.evaluate(WIRE, False)
     yield
     page.evaluate(WIRE, True)
+
+
+PLACE = """() => { const { current, found } = gruber.checksState();
+  return found.places.find(one => one.place === current); }"""
+
+
+def sit_down_as(page: Any, who: str) -> Any:
+    """The page, once its seat bears a name."""
+    settled(page)
+    page.click("#who")
+    page.fill("#name-field", who)
+    page.keyboard.press("Enter")
+    page.wait_for_function("name => document.getElementById('who').dataset.name === name", arg=who)
+    return page
+
+
+def open_checks(page: Any) -> None:
+    page.keyboard.press("Shift+B")
+    page.wait_for_selector("#checks[open] .check-room >> nth=1", timeout=PATIENCE_MS)
+    page.wait_for_function("gruber.checksState().toScreen(0, [0, 0]) !== undefined")
+
+
+def read_place(page: Any, off: np.ndarray) -> str:
+    """Mark the current place with a difference, and keep it, also where the desk asks."""
+    name, gone = mark_place(page, off), "gruber.checksState().current !== name"
+    page.keyboard.press("y")
+    page.wait_for_function(
+        f"name => {gone} || document.querySelector('#checks-state.against')", arg=name
+    )
+    if page.evaluate("gruber.checksState().current") == name:
+        page.keyboard.press("y")
+        page.wait_for_function(f"name => {gone}", arg=name)
+    return name
+
+
+def mark_place(page: Any, off: np.ndarray) -> str:
+    """Mark the current place with a difference."""
+    state = page.evaluate(PLACE)
+    name, at = state["place"], np.array(state["at"])
+    for side, ground in enumerate((at + off, at)):
+        box = page.locator("#checks .check-room").nth(side).bounding_box()
+        x, y = page.evaluate(
+            "([side, ground]) => gruber.checksState().toScreen(side, ground)",
+            [side, ground.tolist()],
+        )
+        page.mouse.click(box["x"] + x, box["y"] + y)
+    return name

@@ -15,13 +15,20 @@ from sessions.decisions import Place, PlanChecks, ReadCheck, Recorded, SignBlock
 from sessions.remarks import standing_faults
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, RealDesk
-from tests.browser.hands import caught_up, settled, unfold, wire_cut
+from tests.browser.hands import (
+    caught_up,
+    mark_place,
+    open_checks,
+    read_place,
+    settled,
+    sit_down_as,
+    unfold,
+    wire_cut,
+)
 
 Sit = Callable[..., Any]
 BIAS_M = np.array([1.2, -0.8])
 PLACES = 4
-CURRENT = """() => { const { current, found } = gruber.checksState();
-  return found.places.find(one => one.place === current); }"""
 
 
 @pytest.fixture
@@ -29,22 +36,6 @@ def planned(run_folder: Any) -> None:
     """A plan drawn before the desk is opened."""
     with Session.open(run_folder, "ada") as session:
         plan_checks(read_project(run_folder), session, PlanWish())
-
-
-def open_checks(page: Any) -> None:
-    page.keyboard.press("Shift+B")
-    page.wait_for_selector("#checks[open] .check-room >> nth=1", timeout=PATIENCE_MS)
-    page.wait_for_function("gruber.checksState().toScreen(0, [0, 0]) !== undefined")
-
-
-def sit_down_as(page: Any, who: str) -> Any:
-    """The page, once its seat bears a name."""
-    settled(page)
-    page.click("#who")
-    page.fill("#name-field", who)
-    page.keyboard.press("Enter")
-    page.wait_for_function("name => document.getElementById('who').dataset.name === name", arg=who)
-    return page
 
 
 def draw_for_ever(*given: Any) -> None:
@@ -168,28 +159,6 @@ def test_a_spare_follows_its_place_and_its_reading_stays_when_the_place_is_opene
 
 def is_plan(item: Recorded) -> bool:
     return isinstance(item.decision, PlanChecks)
-
-
-def read_place(page: Any, off: np.ndarray) -> str:
-    """Mark the current place with a difference, and keep it."""
-    name = mark_place(page, off)
-    page.keyboard.press("y")
-    page.wait_for_function("name => gruber.checksState().current !== name", arg=name)
-    return name
-
-
-def mark_place(page: Any, off: np.ndarray) -> str:
-    """Mark the current place with a difference."""
-    state = page.evaluate(CURRENT)
-    name, at = state["place"], np.array(state["at"])
-    for side, ground in enumerate((at + off, at)):
-        box = page.locator("#checks .check-room").nth(side).bounding_box()
-        x, y = page.evaluate(
-            "([side, ground]) => gruber.checksState().toScreen(side, ground)",
-            [side, ground.tolist()],
-        )
-        page.mouse.click(box["x"] + x, box["y"] + y)
-    return name
 
 
 def readings(desk: RealDesk) -> set[tuple[str, str]]:
