@@ -348,6 +348,30 @@ def test_a_question_answered_by_a_click_too_soon_says_so__law(
     assert len(real_desk.session.decisions()) == before
 
 
+LATE = """new MutationObserver((_, hand) => {
+  if (!document.querySelector("#asked.against")) return;
+  hand.disconnect();
+  const pressed = new KeyboardEvent("keydown", { key: "y", code: "KeyY", bubbles: true });
+  setTimeout(() => document.body.dispatchEvent(pressed), 600);
+}).observe(document.querySelector("#asked"), { attributes: true, childList: true, subtree: true })
+"""
+"""A key that is pressed as soon as the desk asks, and reaches a busy page later."""
+
+
+def test_a_key_that_a_busy_page_takes_late_answers_nothing_it_was_pressed_before__law(
+    page: Any, real_desk: RealDesk
+) -> None:
+    box = page.locator('.pane[data-pane="right"]').bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2 + 60, box["y"] + box["height"] / 2 - 60)
+    page.wait_for_function("gruber.parts.point.draft && !gruber.isAhead()")
+    before = len(real_desk.session.decisions())
+    page.evaluate(LATE)
+    page.keyboard.press("y")
+    page.wait_for_selector(f".notice >> text={words()['notice.unread']}")
+    assert page.evaluate("gruber.parts.point.draft.asking")
+    assert len(real_desk.session.decisions()) == before
+
+
 def test_a_held_enter_presses_a_button_once__law(page: Any, real_desk: RealDesk) -> None:
     """It went on with the points that came next, which nobody had seen."""
     before = len(real_desk.session.decisions())

@@ -1,5 +1,6 @@
 // What the desk asks or says above the buttons that decide: a draft to keep or drop, the reason of
 // a rejection, or how a point is placed.
+import { now, pressedAt } from "./keys.js";
 import { byId, element, number, renew, shortName, shortPoint, stateGlyph, word } from "./words.js";
 import { letterOf } from "./view.js";
 import { send } from "./wire.js";
@@ -7,7 +8,7 @@ import { send } from "./wire.js";
 const REASON_MS = 6000; // design: time to read five reasons; after it digits mean nothing
 const READ_MS = 300; // design: nobody reads a question sooner; a second key until then is none
 const state = {
-  /** The question in sight before something weighty is done, and since when. */
+  /** The question before something weighty is done, and since when it is in sight. */
   question: "",
   since: 0,
   point: /** @type {Point | null} */ (null),
@@ -99,12 +100,15 @@ export function answersNo(event) {
 export const proposalsOf = ({ key: [name], others }) => others
   .filter(({ state: known }) => known === "proposed").map(({ photo }) => [name, photo]);
 
-/** False while a question has only just come into sight: what is pressed was meant before it. */
-export const isRead = () => !state.question || Date.now() - state.since >= READ_MS;
+/** False where a question had come into sight only just before, or not yet. @param {number} then */
+export const isRead = (then = now()) => !state.question || then - state.since >= READ_MS;
+
+/** Whether what was pressed last can answer the question: it is not meant before it. */
+export const wasRead = () => isRead(pressedAt());
 
 /** Done once the question is read; else it is said that nothing was. @param {() => unknown} act */
 export function onceRead(act) {
-  if (isRead()) act();
+  if (wasRead()) act();
   else state.tell({ text: "notice.unread", values: {}, grave: false });
 }
 
@@ -112,7 +116,12 @@ function show() {
   const { explaining, many, turning, until } = state;
   const point = many ? null : state.point;
   const question = turning ? JSON.stringify(turning) : point?.draft?.asking ? `${point.key}` : "";
-  if (question !== state.question) Object.assign(state, { question, since: Date.now() });
+  if (question !== state.question) {
+    Object.assign(state, { question, since: Infinity });
+    requestAnimationFrame(() => {
+      if (question === state.question) state.since = Math.min(state.since, now());
+    });
+  }
   document.getElementById("turning")?.remove();
   if (turning) return showTurning(turning);
   const why = explaining.length > 0 && Date.now() < until && !point?.draft?.asking;

@@ -8,7 +8,7 @@ import {
 import { showMany, showPoint } from "./point.js";
 import {
   answersNo, askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, isRead, once, onceRead,
-  proposalsOf, setUpAsked,
+  proposalsOf, setUpAsked, wasRead,
 } from "./asked.js";
 import {
   blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
@@ -70,7 +70,7 @@ const state = {
  * @param {() => unknown} act
  */
 function decide(act) {
-  if (isRead() && ((state.deciding && isAhead()) || isElsewhere())) {
+  if (wasRead() && ((state.deciding && isAhead()) || isElsewhere())) {
     return tell({ text: "notice.ahead", values: {}, grave: false });
   }
   onceRead(() => {

@@ -25,8 +25,23 @@ export function focusUses({ key, target }) {
   return uses ? uses.includes(key) : WRITES.includes(tagName);
 }
 
-/** The control that had the focus last by keys. @type {{ held: HTMLElement | null }} */
-const hand = { held: null };
+const hand = {
+  /** The control that had the focus last by keys. @type {HTMLElement | null} */
+  held: null,
+  /** When something was pressed last, by the clock of `now`. */
+  pressed: 0,
+};
+
+/** Milliseconds; those of frames are the same. */
+export const now = () => performance.timeOrigin + performance.now();
+
+/** When the last key or button was pressed: a busy page answers it later. */
+export const pressedAt = () => hand.pressed;
+
+/** @param {UIEvent} event */
+function noteWhen({ timeStamp, view }) {
+  hand.pressed = (view ?? window).performance.timeOrigin + timeStamp;
+}
 
 /**
  * A control that went away, or cannot be pressed any more, left the focus to nothing: keys that it
@@ -68,6 +83,7 @@ const isHeld = ({ key, repeat, target }) => repeat && key === "Enter"
  */
 export function listenToKeys(take) {
   const takes = (/** @type {KeyboardEvent} */ event) => {
+    if (event.type === "keydown") noteWhen(event);
     const undo = undoKey(event);
     const bare = !event.ctrlKey && !event.altKey && !event.metaKey;
     return (bare || undo !== null) && !focusUses(event)
@@ -86,6 +102,11 @@ export function listenToKeys(take) {
       hand.held = null;
     }, true);
   }
+  window.addEventListener("pointerdown", noteWhen, true);
+  // A click of neither pointer nor key.
+  window.addEventListener("click", (event) => {
+    if (!event.isTrusted) noteWhen(event);
+  }, true);
   // What is pressed by pointer does not keep the keys: arrows nudge what was chosen.
   window.addEventListener("click", ({ detail }) => {
     if (!detail) return;
