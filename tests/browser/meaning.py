@@ -68,16 +68,20 @@ EYE = """(() => {
       inQueue: Boolean(e?.closest("#queue")), gone: isGone(),
     };
   };
-  window.walk = { texts: [], seen: [], asks: 0, look, nameOf };
+  window.walk = { texts: [], seen: [], asks: 0, asked: 0, look, nameOf };
   for (const type of ["keydown", "click"]) window.addEventListener(type, event => {
     const { key, shiftKey: shift, ctrlKey: ctrl, repeat, target } = event;
     const inside = window !== top;
     const on = nameOf(type === "click" ? target : document.activeElement);
-    top.walk.seen.push({ type, key, shift, ctrl, repeat, inside, on, ...top.walk.look() });
+    const at = performance.timeOrigin + event.timeStamp;
+    top.walk.seen.push({ type, key, shift, ctrl, repeat, inside, on, at, ...top.walk.look() });
   }, true);
   let asked = false;
   new MutationObserver(records => {
-    if (!asked && asks()) window.walk.asks += 1;
+    if (!asked && asks()) {
+      window.walk.asks += 1;
+      window.walk.asked = performance.timeOrigin + performance.now();
+    }
     asked = asks();
     for (const { addedNodes } of records) for (const node of addedNodes) {
       if (!node.classList?.contains("notice")) continue;

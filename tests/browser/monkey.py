@@ -190,6 +190,8 @@ class Room:
     session: Session | None = None
     rows: Any = None
     """The queue as it was before any decision."""
+    freed: Sequence[bool] = ()
+    """What the adjustment estimated then."""
 
 
 class PageWalk(Monkey):
@@ -305,7 +307,8 @@ class DeskWalk(PageWalk):
         self.drafted_at, self.decided_last = 0.0, False
         self.page.wait_for_function("gruber.parts.point && !gruber.parts.status.adjusting")
         rows = self.page.evaluate(ROWS)
-        room.rows = room.rows or rows
+        if not room.rows:
+            room.rows, room.freed = rows, self.free([])
         if rows != room.rows:
             raise Wrong("the block is not as it was before the walk")
 
@@ -354,11 +357,11 @@ class DeskWalk(PageWalk):
             self.answered()
 
     def twice(self, key: str = "") -> None:
-        """What the first press asks the second one does not answer."""
+        """What the first press asks the second one does not answer, unless it came much later."""
         asks = self.page.evaluate("walk.asks")
         super().twice(key)
         self.answered()
-        if self.page.evaluate("asks => walk.asks > asks && !walk.look().asks", asks):
+        if self.page.evaluate(HASTY, asks):
             raise Wrong("a question was answered before it could be read")
 
     def answered(self) -> None:
@@ -524,6 +527,7 @@ class DeskWalk(PageWalk):
         time.sleep(0.5)  # A nudge may still wait for the hand to pause.
         self.fresh()
         self.undo_all()
+        self.free(self.room.freed)
         self.expect(
             f"!gruber.parts.status.adjusting && JSON.stringify({ROWS}) === rows",
             "undone to the beginning, the block is another",
@@ -544,19 +548,37 @@ class DeskWalk(PageWalk):
         self.known = len(self.session.decisions())
         self.undo_all()
 
+    def free(self, wanted: Sequence[bool]) -> list[bool]:
+        """What the adjustment estimates, which is no decision to undo; set as it is wanted."""
+        self.page.keyboard.press("b")
+        boxes = self.page.locator("#quality[open] [data-free]")
+        boxes.last.wait_for()
+        found = [box.is_checked() for box in boxes.all()]
+        for box, known, want in zip(boxes.all(), found, wanted, strict=False):
+            if known != want:
+                box.click()
+        self.page.keyboard.press("Escape")
+        self.expect("!document.querySelector('dialog[open]')", "no way out of a sheet")
+        return found
+
     def signed(self) -> bool:
         """Whether undo is about a signature, and so asked about first."""
         mine = [item for item in standing(self.session.decisions()) if item.who == OPERATOR]
         return bool(mine) and isinstance(mine[-1].decision, SignBlock)
 
     def undo_all(self) -> None:
-        """Press U until nothing stands; a draft goes first, and without a word."""
+        """Press U until nothing stands and nothing is drafted; a draft goes where it is shown."""
         for _ in range(400):
             self.owed = [Meaning("undo")]
             mine = [item for item in standing(self.session.decisions()) if item.who == OPERATOR]
+            rows, drafts = self.page.evaluate(
+                "(({ draftRows, drafts }) => [draftRows, drafts])(walk.look())"
+            )
             if all(isinstance(item.decision, Withdraw) for item in mine):
-                return
-            drafts = self.page.evaluate("walk.look().drafts")
+                if not rows:
+                    return
+                self.page.click("#drafts")
+                self.answered()
             self.page.keyboard.press("u")
             begun = time.monotonic()
             asks = "document.querySelector('[data-answer=\"history.back\"]') !== null"
@@ -569,6 +591,9 @@ class DeskWalk(PageWalk):
         raise Wrong("undo does not come to an end")
 
 
+HASTY = """asks => walk.asks > asks && !walk.look().asks
+  && (walk.seen.at(-1)?.at ?? 0) < walk.asked + 300"""
+"""Whether a question that came meanwhile was answered sooner than anybody reads."""
 ROWS = """(({ rows, queue }) => {
   const drafted = new Set(queue.drafts.map(index => rows[index][0]));
   return rows.map(row => row.slice(0, 5)).filter(([name, , role]) =>
