@@ -256,11 +256,21 @@ class Store:
         with suppress(sqlite3.OperationalError):
             # QGIS edits in WAL mode and holds on to it; appending is as safe in either.
             self._leave_wal()
+        self._clear_up()
         if self._version() < newest():
             with self.writing() as transaction:
                 # Asked again under the lock: another process may just have made the file.
                 for step in steps_from(self._version()):
                     _take(step, transaction)
+
+    def _clear_up(self) -> None:
+        """Take away the empty journal of who was killed before it was filled; SQLite leaves it."""
+        journal = Path(f"{self.path}-journal")
+        with suppress(FileNotFoundError, sqlite3.OperationalError):
+            if journal.stat().st_size == 0:
+                # A write of what stands there already; its end takes the journal away.
+                number = self._connection.execute("PRAGMA user_version").fetchone()[0]
+                self._connection.execute(f"PRAGMA user_version = {number}")
 
     def _leave_wal(self) -> None:
         if self._connection.execute("PRAGMA journal_mode").fetchone()[0] != "delete":

@@ -148,6 +148,17 @@ for number in range(10_000):
             file.close()
 
 
+def test_an_empty_journal_of_who_was_killed_is_taken_away__law(tmp_path: Path) -> None:
+    path = tmp_path / "session.gpkg"
+    Store.open(path).close()
+    journal = tmp_path / "session.gpkg-journal"
+    journal.touch()
+    before = path.stat().st_size
+    Store.open(path).close()
+    assert not journal.exists()
+    assert path.stat().st_size == before
+
+
 def test_two_processes_append_at_once__law(tmp_path: Path) -> None:
     processes = [python(RECORD_FOR_EVER, str(tmp_path), who, "0.005") for who in ("ada", "bob")]
     told: set[int] = set()
