@@ -307,8 +307,10 @@ class DeskWalk(PageWalk):
         self.drafted_at, self.decided_last = 0.0, False
         self.page.wait_for_function("gruber.parts.point && !gruber.parts.status.adjusting")
         rows = self.page.evaluate(ROWS)
-        if not room.rows:
-            room.rows, room.freed = rows, self.free([])
+        room.rows = room.rows or rows
+        # A tour is left to the walk.
+        if not room.freed and not self.page.query_selector("dialog[open]"):
+            room.freed = self.free([])
         if rows != room.rows:
             raise Wrong("the block is not as it was before the walk")
 
