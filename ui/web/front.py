@@ -5,6 +5,7 @@ import gzip
 import json
 import re
 import secrets
+import socket
 import threading
 from collections.abc import Awaitable, Callable, Coroutine, Iterator, Sequence
 from dataclasses import dataclass
@@ -166,11 +167,16 @@ class Front:
         runner = web.AppRunner(self._application(), access_log=None, shutdown_timeout=1)
         await runner.setup()
         try:
-            site = web.TCPSite(runner, self._host, self._wanted_port)
+            family = socket.AF_INET6 if ":" in self._host else socket.AF_INET
+            door = socket.create_server((self._host, self._wanted_port), family=family)
+            site = web.SockSite(runner, door)
             await site.start()
             self.port = runner.addresses[0][1]
             self._ready.set()
             await self._stop.wait()
+            # Who is let in at this moment would be forgotten, and the connection stay open.
+            self._loop.remove_reader(door)
+            await asyncio.sleep(0)
             # Before its pages are let go: they come back at once.
             await site.stop()
             if self._inputs.channel is not None:

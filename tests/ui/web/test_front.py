@@ -1,10 +1,14 @@
 """The front: pages with their policy, texts in the browser's language, results to take away."""
 
 import asyncio
+import gc
 import http.client
 import json
+import socket
+import sys
 import threading
 import time
+import warnings
 from contextlib import suppress
 from dataclasses import replace
 
@@ -190,3 +194,40 @@ def test_json_knows_no_nan__law():
     assert as_json({"a": "\u010d", "b": [1]}) == '{"a":"\u010d","b":[1]}'
     with pytest.raises(ValueError, match="not JSON compliant"):
         as_json(float("nan"))
+
+
+def test_who_comes_while_the_front_closes_leaves_no_connection_open__law(inputs) -> None:
+    """About every fourth front left one or two, which Python tells when they are cleared away."""
+    told: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            sys, "unraisablehook", lambda unraisable: told.append(str(unraisable.err_msg))
+        )
+        patch.setattr(warnings, "showwarning", lambda message, *_: told.append(str(message)))
+        warnings.simplefilter("always", ResourceWarning)
+        for _ in range(12):
+            visitor, over = Visitor(inputs), threading.Event()
+            came: list[socket.socket] = []
+            crowd = [
+                threading.Thread(target=come, args=(visitor.front.port, over, came))
+                for _ in range(3)
+            ]
+            for one in crowd:
+                one.start()
+            time.sleep(0.05)
+            visitor.front.close()
+            over.set()
+            for one in crowd:
+                one.join()
+            for one in came:
+                one.close()
+            del visitor
+            gc.collect()
+    assert not told
+
+
+def come(port: int, over: threading.Event, came: list[socket.socket]) -> None:
+    """Knock again and again."""
+    while not over.is_set():
+        with suppress(OSError):
+            came.append(socket.create_connection(("127.0.0.1", port), timeout=0.2))
