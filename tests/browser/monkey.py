@@ -580,7 +580,8 @@ class DeskWalk(PageWalk):
                 if not rows:
                     return
                 self.page.click("#drafts")
-                self.answered()
+            # It may lead to a question, which is not answered before it is read.
+            self.answered()
             self.page.keyboard.press("u")
             begun = time.monotonic()
             asks = "document.querySelector('[data-answer=\"history.back\"]') !== null"
