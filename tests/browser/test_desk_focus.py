@@ -331,23 +331,6 @@ HASTY = """new MutationObserver((_, hand) => {
 }).observe(document.querySelector("#asked"), { attributes: true, childList: true, subtree: true })
 """
 """A click on *Keep* as soon as the desk asks."""
-
-
-def test_a_question_answered_by_a_click_too_soon_says_so__law(
-    page: Any, real_desk: RealDesk
-) -> None:
-    """Such a click did nothing and said nothing; a key said it."""
-    box = page.locator('.pane[data-pane="right"]').bounding_box()
-    page.mouse.click(box["x"] + box["width"] / 2 + 60, box["y"] + box["height"] / 2 - 60)
-    page.wait_for_function("gruber.parts.point.draft && !gruber.isAhead()")
-    before = len(real_desk.session.decisions())
-    page.evaluate(HASTY)
-    page.keyboard.press("y")
-    page.wait_for_selector(f".notice >> text={words()['notice.unread']}")
-    assert page.evaluate("gruber.parts.point.draft.asking")
-    assert len(real_desk.session.decisions()) == before
-
-
 LATE = """new MutationObserver((_, hand) => {
   if (!document.querySelector("#asked.against")) return;
   hand.disconnect();
@@ -358,14 +341,16 @@ LATE = """new MutationObserver((_, hand) => {
 """A key that is pressed as soon as the desk asks, and reaches a busy page later."""
 
 
-def test_a_key_that_a_busy_page_takes_late_answers_nothing_it_was_pressed_before__law(
-    page: Any, real_desk: RealDesk
+@pytest.mark.parametrize("answer", [HASTY, LATE], ids=["a click too soon", "a key taken late"])
+def test_a_press_before_the_question_answers_nothing_and_says_so__law(
+    page: Any, real_desk: RealDesk, answer: str
 ) -> None:
+    """Such a click did nothing and said nothing; of a key counted when a busy page took it."""
     box = page.locator('.pane[data-pane="right"]').bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2 + 60, box["y"] + box["height"] / 2 - 60)
     page.wait_for_function("gruber.parts.point.draft && !gruber.isAhead()")
     before = len(real_desk.session.decisions())
-    page.evaluate(LATE)
+    page.evaluate(answer)
     page.keyboard.press("y")
     page.wait_for_selector(f".notice >> text={words()['notice.unread']}")
     assert page.evaluate("gruber.parts.point.draft.asking")

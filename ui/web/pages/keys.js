@@ -103,9 +103,9 @@ export function listenToKeys(take) {
     }, true);
   }
   window.addEventListener("pointerdown", noteWhen, true);
-  // A click of neither pointer nor key.
+  // A click of no pointer: by a key, whose time it has, or by a screen reader.
   window.addEventListener("click", (event) => {
-    if (!event.isTrusted) noteWhen(event);
+    if (!event.detail) noteWhen(event);
   }, true);
   // What is pressed by pointer does not keep the keys: arrows nudge what was chosen.
   window.addEventListener("click", ({ detail }) => {
