@@ -185,8 +185,9 @@ class Front:
             if self._client is not None:
                 await self._client.close()
             await runner.cleanup()
-            # Connections let go of are closed in the loop's next turn.
-            await asyncio.sleep(0)
+            # Answers given up end, and connections let go of are closed, in turns of the loop.
+            given_up = asyncio.all_tasks() - {asyncio.current_task()}
+            await asyncio.gather(asyncio.sleep(0), *given_up, return_exceptions=True)
 
     def _application(self) -> web.Application:
         application = web.Application(middlewares=[self._inputs.access.guard()])

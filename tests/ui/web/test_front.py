@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import aiohttp
 import pytest
+from aiohttp import web
 
 from core.errors import PhotogrammetryError
 from tests.ui.desk_block import tiny_block
@@ -224,6 +225,29 @@ def test_who_comes_while_the_front_closes_leaves_no_connection_open__law(inputs)
             del visitor
             gc.collect()
     assert not told
+
+
+def test_an_answer_given_up_as_the_front_closes_ends_before_it_does__law(inputs) -> None:
+    """Else Python tells in the terminal that a task was destroyed."""
+    begun, ended = threading.Event(), threading.Event()
+
+    async def draw(request: web.Request) -> web.StreamResponse:
+        begun.set()
+        try:
+            await asyncio.sleep(60)
+        finally:
+            for _ in range(5):  # as many turns as what it holds takes to be let go of
+                await asyncio.sleep(0)
+            ended.set()
+        return web.Response()
+
+    visitor = Visitor(replace(inputs, routes=(web.get("/slow", draw),)))
+    page = http.client.HTTPConnection("127.0.0.1", visitor.front.port)
+    page.request("GET", "/slow", headers={"Cookie": visitor.cookie})
+    assert begun.wait(timeout=10)
+    visitor.front.close()
+    page.close()
+    assert ended.is_set()
 
 
 def come(port: int, over: threading.Event, came: list[socket.socket]) -> None:
