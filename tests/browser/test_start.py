@@ -99,8 +99,9 @@ def test_a_run_is_cancelled_and_the_settings_stay__truth(page, tiny_block):
     page.fill(distance, "21.159")
     page.wait_for_selector("#go .lacks:has-text('Principal distance')")
     page.wait_for_selector(gap, state="detached")
-    page.click('[data-act="placing.run"]:not(:disabled)')
+    page.dblclick('[data-act="placing.run"]:not(:disabled)')  # a habit: the second is no answer
     page.wait_for_selector('[data-act="placing.run"]:has-text("anyway")')
+    page.wait_for_timeout(600)
     assert not page.query_selector(".stage")
     page.fill(distance, "211.59")
     page.wait_for_selector("#go .lacks", state="detached")

@@ -40,6 +40,8 @@ class BlockSigned:
     seat_id: str
     verdict: Acceptance
     remark: str
+    judged: Mapping[str, str]
+    """Digest of each part of the block, as the page was told."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +83,8 @@ def signature_from_message(seat_id: str, message: Mapping[str, Any]) -> BlockSig
     verdict, remark = message["verdict"], _words(message, "remark")
     if verdict not in ACCEPTANCES:
         raise ValueError(verdict)
-    return BlockSigned(seat_id, verdict, remark)
+    judged = {str(part): str(digest) for part, digest in dict(message["judged"]).items()}
+    return BlockSigned(seat_id, verdict, remark, judged)
 
 
 def reading_from_message(seat_id: str, message: Mapping[str, Any]) -> CheckRead:

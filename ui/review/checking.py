@@ -67,7 +67,9 @@ def decided_judgement(
     unfit = judge_desk(desk).findings[0].grave == UNFIT
     if gesture.verdict == "accept" and unfit and not gesture.remark:
         return (), Notice("notice.sign-unfit", grave=True)
-    judged = judged_parts(desk.recorded, desk.state.report, desk.mosaic_version)
+    judged = parts_now(desk)
+    if gesture.judged != judged:
+        return (), Notice("notice.sign-renewed", grave=True)
     return (SignBlock(gesture.verdict, gesture.remark, judged),), Notice("notice.signed")
 
 
@@ -246,9 +248,13 @@ def _chance(*names: str) -> np.random.Generator:
     return np.random.default_rng(int(digest_of(*names)[:16], 16))
 
 
-def signatures_part(desk: DeskSnapshot) -> list[Part]:
-    """Who has vouched for the block, and what has changed since."""
-    now = judged_parts(desk.recorded, desk.state.report, desk.mosaic_version)
+def parts_now(desk: DeskSnapshot) -> Mapping[str, str]:
+    """Digest of each part that a signature is about."""
+    return judged_parts(desk.recorded, desk.state.report, desk.mosaic_version)
+
+
+def signatures_part(desk: DeskSnapshot, now: Mapping[str, str]) -> list[Part]:
+    """Who has vouched for the block, and what of its parts as they are now has changed since."""
     return [
         {
             "id": one.recorded.decision_id,

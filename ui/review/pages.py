@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 
 from ui.review.board import board_drafts_part, board_part
-from ui.review.checking import seat_checks, signatures_part
+from ui.review.checking import parts_now, seat_checks, signatures_part
 from ui.review.drafts import opponent_of
 from ui.review.drawing import mask_part
 from ui.review.history import history_of
@@ -181,7 +181,8 @@ def _sheet_parts(
 def seat_quality(seat: Seat, desk: DeskSnapshot) -> Part:
     """The block's quality, what readings say of it, and who has signed it."""
     told = quality_part(judge_desk(desk), desk.state, desk.adjustments, seat.pair)
-    return {**told, "signatures": signatures_part(desk)}
+    judged = parts_now(desk)
+    return {**told, "signatures": signatures_part(desk, judged), "judged": judged}
 
 
 def seat_point(seat: Seat, desk: DeskSnapshot) -> Part:

@@ -216,6 +216,8 @@ interface Quality {
   rules: [rule: string, grave: number, word: string, values: Record<string, string>,
     source: string][];
   signatures: Signature[];
+  /** Digest of each part that a signature is about. */
+  judged: Record<string, string>;
   compared: { pair: [number, number]; shifts: [photo: string, metres: number][] } | null;
 }
 

@@ -35,6 +35,7 @@ from ui.review.gestures import (
     Named,
     PlacedInScan,
     PointAsked,
+    QualityAsked,
     Redone,
     RemakeAsked,
     RemakeCancelled,
@@ -173,7 +174,10 @@ def test_undo_of_a_signature_is_asked_about_first__law(desk: Any):
         turning = glass.parts["anna-1"]["queue"]["turning"]
         return turning["text"] if turning else ""
 
-    desk.loop.submit(BlockSigned("anna-1", "reject", "a shifted corner"))
+    desk.loop.submit(QualityAsked("anna-1", True))
+    desk.glass.until(lambda glass: "quality" in glass.parts["anna-1"])
+    judged = desk.glass.parts["anna-1"]["quality"]["judged"]
+    desk.loop.submit(BlockSigned("anna-1", "reject", "a shifted corner", judged))
     desk.loop.submit(Undone("anna-1"))
     desk.glass.until(lambda glass: asked(glass) == "undo.ask.SignBlock")
     # Whatever else is done answers with no.

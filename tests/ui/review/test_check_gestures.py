@@ -39,13 +39,11 @@ def test_half_a_reading_is_none__truth(wrong: dict[str, object]) -> None:
 
 
 def test_a_signature_has_one_of_three_verdicts__law() -> None:
-    signed = gesture_from_message("s", {"kind": "sign", "verdict": "reject", "remark": " a \n b "})
-    assert signed == BlockSigned("s", "reject", "a b")
-    assert gesture_from_message("s", {"kind": "sign", "verdict": "perhaps"}) is None
-    assert (
-        gesture_from_message("s", {"kind": "sign", "verdict": "accept", "remark": "x" * 9999})
-        is None
-    )
+    message = {"kind": "sign", "verdict": "reject", "remark": " a \n b ", "judged": {"block": "1f"}}
+    signed = gesture_from_message("s", message)
+    assert signed == BlockSigned("s", "reject", "a b", {"block": "1f"})
+    for wrong in ({"verdict": "perhaps"}, {"remark": "x" * 9999}, {"judged": 7}, {"judged": None}):
+        assert gesture_from_message("s", {**message, **wrong}) is None
 
 
 def test_a_fault_is_a_place_with_a_kind_and_words_are_about_something__law() -> None:

@@ -11,6 +11,7 @@ from core.quality.check_plan import CheckPlace
 from core.quality.rules import judge_block
 from sessions.checks import new_plan, results_digest
 from sessions.decisions import (
+    Acceptance,
     Decision,
     PlanChecks,
     ReadCheck,
@@ -25,12 +26,14 @@ from ui.review.checking import (
     checks_part,
     decided_judgement,
     decided_reading,
+    parts_now,
     rules_part,
     signatures_part,
 )
 from ui.review.judgement import read_figures
 from ui.review.mosaic import faults_part
 from ui.review.snapshot import DeskSnapshot
+from ui.review.state import Notice
 
 PLACES = tuple(CheckPlace(f"{n:02d}", 100.0 * n, 50.0 * n, 0.04 * (n == 3)) for n in range(1, 9))
 VERSION = "m1"
@@ -136,20 +139,25 @@ def desk() -> DeskSnapshot:
     return replace(desk, state=state, mosaic_version=VERSION, stale=())
 
 
+def signatures_of(desk: DeskSnapshot) -> list[dict[str, object]]:
+    return signatures_part(desk, parts_now(desk))
+
+
 def test_a_signature_is_of_all_that_was_judged_and_says_when_that_changed__law(
     desk: DeskSnapshot,
 ) -> None:
-    (signed,), notice = decided_judgement(BlockSigned("s", "accept", "seen"), desk)
+    shown = parts_now(desk)
+    (signed,), notice = decided_judgement(BlockSigned("s", "accept", "seen", shown), desk)
     assert isinstance(signed, SignBlock)
     assert notice is not None
     kept = replace(desk, recorded=[Recorded(1, "2026-01-01T10:00", "ada", signed)])
-    (line,) = signatures_part(kept)
+    (line,) = signatures_of(kept)
     assert (line["who"], line["changed"]) == ("ada", [])
-    (line,) = signatures_part(replace(kept, mosaic_version="m2"))
+    (line,) = signatures_of(replace(kept, mosaic_version="m2"))
     assert line["changed"] == ["mosaic"]
     plan = PlanChecks(PLACES, (1, 1), 1, "", True, "x")
     more = [*kept.recorded, Recorded(2, "2026-01-01T10:01", "bob", plan)]
-    (line,) = signatures_part(replace(kept, recorded=more))
+    (line,) = signatures_of(replace(kept, recorded=more))
     assert line["changed"] == ["readings"]
 
 
@@ -157,21 +165,31 @@ def test_nobody_signs_what_does_not_stand__law(desk: DeskSnapshot) -> None:
     busy = replace(desk, state=replace(desk.state, adjusting=True))
     stale = replace(desk, stale=("A",))
     unwritten = replace(desk, state=replace(desk.state, written_of=""))
-    for gesture, at in (
-        (BlockSigned("s", "accept", "seen"), unwritten),
-        (BlockSigned("s", "accept", "seen"), stale),
-        (BlockSigned("s", "accept", ""), busy),
-        (BlockSigned("s", "accept", ""), stale),
-        (BlockSigned("s", "accept", ""), replace(desk, mosaic_version="")),
-        (BlockSigned("s", "accept", ""), desk),  # not good enough
-        (BlockSigned("s", "reject", ""), desk),
-        (BlockSigned("s", "accept-with-remarks", ""), desk),
-    ):
+
+    def signed(verdict: Acceptance, remark: str, at: DeskSnapshot) -> tuple[object, ...]:
+        gesture = BlockSigned("s", verdict, remark, parts_now(at))
         decided, notice = decided_judgement(gesture, at)
-        assert decided == ()
         assert notice is not None
-    decided, _ = decided_judgement(BlockSigned("s", "reject", "a shifted corner"), stale)
-    assert decided
+        return decided
+
+    assert not signed("accept", "seen", unwritten)
+    assert not signed("accept", "seen", stale)
+    assert not signed("accept", "", busy)
+    assert not signed("accept", "", stale)
+    assert not signed("accept", "", replace(desk, mosaic_version=""))
+    assert not signed("accept", "", desk)  # not good enough
+    assert not signed("reject", "", desk)
+    assert not signed("accept-with-remarks", "", desk)
+    assert signed("reject", "a shifted corner", stale)
+
+
+def test_nobody_signs_what_was_not_shown__law(desk: DeskSnapshot) -> None:
+    """Somebody else has said something since the page was told."""
+    plan = Recorded(1, "2026-01-01T10:01", "bob", PlanChecks(PLACES, (1, 1), 1, "", True, "x"))
+    for later in (replace(desk, recorded=[plan]), replace(desk, mosaic_version="m2")):
+        gesture = BlockSigned("s", "reject", "a shifted corner", parts_now(desk))
+        assert decided_judgement(gesture, later) == ((), Notice("notice.sign-renewed", grave=True))
+        assert decided_judgement(replace(gesture, judged=parts_now(later)), later)[0]
 
 
 def test_rules_are_told_with_their_source__truth(desk: DeskSnapshot) -> None:

@@ -7,10 +7,37 @@ import { send } from "./wire.js";
 
 const REASON_MS = 6000; // design: time to read five reasons; after it digits mean nothing
 const READ_MS = 300; // design: nobody reads a question sooner; a second key until then is none
+
+/** Something to be read before it is answered: what was pressed before it was in sight is none. */
+export class Question {
+  #said = "";
+
+  #since = 0;
+
+  /** @param {string} said what is asked; nothing when empty */
+  show(said) {
+    if (said === this.#said) return;
+    this.#said = said;
+    this.#since = Infinity;
+    requestAnimationFrame(() => {
+      if (said === this.#said) this.#since = Math.min(this.#since, now());
+    });
+  }
+
+  /** False where it came into sight only just before, or not yet. @param {number} then */
+  isRead(then = now()) {
+    return !this.#said || then - this.#since >= READ_MS;
+  }
+
+  /** Whether what was pressed last can answer it: it is not meant before it. */
+  wasRead() {
+    return this.isRead(pressedAt());
+  }
+}
+
+/** What is asked before something weighty is done. */
+export const question = new Question();
 const state = {
-  /** The question before something weighty is done, and since when it is in sight. */
-  question: "",
-  since: 0,
   point: /** @type {Point | null} */ (null),
   /** How many rows are marked: nothing is asked about one of them. */
   many: 0,
@@ -100,28 +127,19 @@ export function answersNo(event) {
 export const proposalsOf = ({ key: [name], others }) => others
   .filter(({ state: known }) => known === "proposed").map(({ photo }) => [name, photo]);
 
-/** False where a question had come into sight only just before, or not yet. @param {number} then */
-export const isRead = (then = now()) => !state.question || then - state.since >= READ_MS;
-
-/** Whether what was pressed last can answer the question: it is not meant before it. */
-export const wasRead = () => isRead(pressedAt());
-
-/** Done once the question is read; else it is said that nothing was. @param {() => unknown} act */
-export function onceRead(act) {
-  if (wasRead()) act();
+/**
+ * Done once the question is read; else it is said that nothing was.
+ * @param {() => unknown} act @param {Question} asked
+ */
+export function onceRead(act, asked = question) {
+  if (asked.wasRead()) act();
   else state.tell({ text: "notice.unread", values: {}, grave: false });
 }
 
 function show() {
   const { explaining, many, turning, until } = state;
   const point = many ? null : state.point;
-  const question = turning ? JSON.stringify(turning) : point?.draft?.asking ? `${point.key}` : "";
-  if (question !== state.question) {
-    Object.assign(state, { question, since: Infinity });
-    requestAnimationFrame(() => {
-      if (question === state.question) state.since = Math.min(state.since, now());
-    });
-  }
+  question.show(turning ? JSON.stringify(turning) : point?.draft?.asking ? `${point.key}` : "");
   document.getElementById("turning")?.remove();
   if (turning) return showTurning(turning);
   const why = explaining.length > 0 && Date.now() < until && !point?.draft?.asking;
@@ -143,19 +161,19 @@ function show() {
 /** In sight as long as it is asked: in a sheet that lies over the desk. @param {Notice} turning */
 function showTurning({ text, values }) {
   const said = word(text, values);
-  const question = [element("p", { title: said }, said),
+  const asked = [element("p", { title: said }, said),
     answer("history.back", "U", () => send({ kind: "undo" })),
     answer("remake.cancel", "Esc", dropTurning)];
   const sheet = document.querySelector("dialog[open]");
   if (sheet || !byId("asked").checkVisibility({ visibilityProperty: true })) {
     (sheet ?? document.body).append(
-      element("div", { id: "turning", class: "asked-over", role: "alert" }, ...question));
+      element("div", { id: "turning", class: "asked-over", role: "alert" }, ...asked));
     return;
   }
   byId("asked").className = "against turning";
   for (const name of ["reasons", "proposals", "hint"]) byId(name).hidden = true;
   byId("keep").hidden = false;
-  renew(byId("keep"), ...question);
+  renew(byId("keep"), ...asked);
 }
 
 /** The second click of a double click answers nothing. @param {() => unknown} act */

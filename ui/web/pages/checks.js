@@ -5,6 +5,7 @@ import {
   drawLayer, groundFromLayer, layerFromGround, mosaicLayer, onTile, orthoLayer,
 } from "./tiles.js";
 import { ARROWS, Pane, View, ZOOMS, oncePerFrame, paneElement } from "./view.js";
+import { Question, onceRead } from "./asked.js";
 import { send } from "./wire.js";
 
 const SIDES = ["mosaic", "reference"];
@@ -38,6 +39,7 @@ const state = {
   drawn: { grid: 0, share: 0 },
   said: "",
 };
+const question = new Question();
 const redraw = oncePerFrame(draw);
 
 /** @param {Pane} pane */
@@ -209,6 +211,7 @@ function head({ places }, place) {
   const done = places.filter(isDone).length;
   const at = places.indexOf(place) + 1;
   const far = isDoubted() && farOff();
+  question.show(far ? state.doubted : "");
   const said = far ? word("checks.far", far) : stateOf(place);
   return element("header", {}, element("h2", {}, word("checks")),
     element("b", { id: "checks-place" }, place.place),
@@ -295,9 +298,14 @@ function keep() {
     state.doubted = JSON.stringify(state.marks);
     return refresh();
   }
+  onceRead(() => sendReading(place, mosaic, reference), question);
+}
+
+/** @param {CheckedPlace} place @param {Pair} mosaic @param {Pair} reference */
+function sendReading(place, mosaic, reference) {
   const round = (/** @type {Pair} */ pair) => pair.map((value) => Math.round(value * 1000) / 1000);
   if (!send({ kind: "check-read", place: place.place, mosaic: round(mosaic),
-    reference: round(reference), version: state.found?.mosaic?.version })) return undefined;
+    reference: round(reference), version: state.found?.mosaic?.version })) return;
   state.drafts.delete(draftName());
   goOn();
 }

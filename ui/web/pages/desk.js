@@ -7,8 +7,8 @@ import {
 } from "./queue.js";
 import { showMany, showPoint } from "./point.js";
 import {
-  answersNo, askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, isRead, once, onceRead,
-  proposalsOf, setUpAsked, wasRead,
+  answersNo, askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, once, onceRead,
+  proposalsOf, question, setUpAsked,
 } from "./asked.js";
 import {
   blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
@@ -70,7 +70,7 @@ const state = {
  * @param {() => unknown} act
  */
 function decide(act) {
-  if (wasRead() && ((state.deciding && isAhead()) || isElsewhere())) {
+  if (question.wasRead() && ((state.deciding && isAhead()) || isElsewhere())) {
     return tell({ text: "notice.ahead", values: {}, grave: false });
   }
   onceRead(() => {
@@ -489,7 +489,7 @@ async function open() {
   if (start.looking) tell({ text: "notice.read-only", values: {}, grave: true });
   openScene();
   window.gruber = {
-    parts: state.parts, isAhead: () => isAhead() || !isRead(), compareState, boardState,
+    parts: state.parts, isAhead: () => isAhead() || !question.isRead(), compareState, boardState,
     placementState, maskState, mosaicState, checksState, areaShown,
   };
   if (tourIsNew()) startTour();

@@ -1,8 +1,11 @@
 // Under Block quality: what readings say, the rules of the job, and who vouches for the block.
 import { between, element, moment, number, shortName, start, word } from "./words.js";
+import { Question, onceRead } from "./asked.js";
 import { send } from "./wire.js";
 
 const VERDICTS = ["accept", "accept-with-remarks", "reject"];
+/** What one vouches for: who signs has seen it as it is. */
+const question = new Question();
 const state = {
   verdict: "", remark: "",
   /** Signatures that were there when one was asked for. */
@@ -17,7 +20,8 @@ const part = (name, ...children) => element("section",
 const cell = (content, kind = "") => element("td", { class: kind }, content);
 
 /** @param {Quality} found */
-export function signing({ signatures }) {
+export function signing({ signatures, judged }) {
+  question.show(JSON.stringify(judged));
   const ids = signatures.map((one) => one.id);
   if (state.before && ids.some((id) => !state.before?.includes(id))) {
     Object.assign(state, { verdict: "", remark: "", before: null });
@@ -46,10 +50,10 @@ export function signing({ signatures }) {
       state.remark = /** @type {HTMLInputElement} */ (event.target).value;
     } });
   const sign = element("button", { id: "sign", disabled: start.guest || !state.verdict,
-    onclick: () => {
+    onclick: () => onceRead(() => {
       state.before = ids;
-      send({ kind: "sign", verdict: state.verdict, remark: state.remark });
-    } }, word("sign"));
+      send({ kind: "sign", verdict: state.verdict, remark: state.remark, judged });
+    }, question) }, word("sign"));
   return part("sign.title", ...(lines.length ? lines
     : [element("p", { class: "muted" }, word("sign.none"))]),
   element("p", { class: "signing" }, select, remark, sign),

@@ -5,6 +5,7 @@ import { beginRun, cancelButton, isRunning, lookAgain, post, runLines, runNow, s
   watchRun } from "./run.js";
 import { dropWritten, fillFields, formSeen, formShown, formValues, formWritten, goToField,
   recallWritten, showForm } from "./start_form.js";
+import { question } from "./asked.js";
 import { drawMap, setUpFilm, showScans } from "./start_film.js";
 import { afterPause } from "./view.js";
 import { nextTheme, setUpTheme } from "./theme.js";
@@ -341,7 +342,7 @@ function showGo(judged) {
   const ahead = !ready ? [] : found?.made && found.ahead.length ? [element("p", { class: "muted" },
     word("start.ahead", { what: found.ahead.map((name) => word(`stage.${name}`)).join(", ") }))]
     : found?.made ? [element("p", { class: "muted" }, word("start.fresh"))] : [];
-  const act = (/** @type {string} */ name, /** @type {() => void} */ onclick,
+  const act = (/** @type {string} */ name, /** @type {(press: MouseEvent) => void} */ onclick,
     /** @type {object} */ more = {}, label = name) => element("button",
     { type: "button", "data-act": name, disabled: start.guest, onclick, ...more }, word(label));
   const begins = state.asked && doubted(checks) === state.asked ? "start.run.anyway"
@@ -387,15 +388,20 @@ async function save() {
 const doubted = (checks) => checks.filter(([, name]) => ASKED.includes(name))
   .map(([, name, values]) => word(`check.${name}`, values)).join(" ");
 
-/** What takes a second is looked at first; what is doubtful is asked about once. */
-async function run() {
+/**
+ * What takes a second is looked at first; what is doubtful is asked about once.
+ * @param {MouseEvent} press
+ */
+async function run({ timeStamp }) {
   const { found } = state;
   if (!await save() || state.found?.checks.some(([grave]) => grave)) return;
   const doubts = doubted(state.found?.checks ?? []);
-  if (doubts !== state.asked) {
-    state.asked = doubts;
+  const answers = doubts === state.asked && question.isRead(performance.timeOrigin + timeStamp);
+  state.asked = doubts;
+  question.show(doubts);
+  if (doubts && !answers) {
     showGo(state.judged);
-    if (doubts) return tell(doubts, true, "/run");
+    return tell(doubts, true, "/run");
   }
   if (found) choose("run");
   await beginRun();
