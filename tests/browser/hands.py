@@ -151,7 +151,7 @@ def read_place(page: Any, off: np.ndarray) -> str:
         f"name => {gone} || document.querySelector('#checks-state.against')", arg=name
     )
     if page.evaluate("gruber.checksState().current") == name:
-        page.wait_for_timeout(400)  # an answer comes once the question is read
+        caught_up(page)
         page.keyboard.press("y")
         page.wait_for_function(f"name => {gone}", arg=name)
     return name

@@ -227,7 +227,7 @@ def test_a_reading_far_off_is_asked_about_before_it_is_kept__law(
     page.keyboard.press("y")  # which nobody presses for an answer: the question is not read yet
     page.wait_for_selector(".notice:has-text('only just appeared')")
     page.wait_for_selector("#checks-state:has-text('12.7 m off')")
-    page.wait_for_timeout(400)
+    caught_up(page)
     page.keyboard.press("y")
     page.wait_for_function("name => gruber.checksState().current !== name", arg=name)
     until(lambda: {place for place, _ in readings(real_desk)} == {name})
@@ -242,6 +242,7 @@ def test_a_signature_is_outdated_by_a_decision_and_holds_again_once_undone__law(
     page.wait_for_selector("#sign", timeout=PATIENCE_MS)
     page.select_option("#sign-verdict", "reject")
     page.fill("#sign-remark", "shifted in the north")
+    caught_up(page)
     page.click("#sign")
     page.wait_for_selector(".signature")
     signed = real_desk.session.decisions()[-1].decision

@@ -45,7 +45,10 @@ def test_marks_are_corrected_by_key_and_by_pointer__truth(real_desk, sit_at):
     # Far from where the other marks put it: asked about, and given up.
     page.wait_for_selector("#board-draft.against")
     page.keyboard.press("y")
+    page.keyboard.press("y")  # before anybody has read what is asked
     page.wait_for_selector("#board-draft:has-text('Keep?')")
+    caught_up(page)
+    assert len(real_desk.session.decisions()) == saved
     page.keyboard.press("Escape")
     page.wait_for_selector("#board-draft", state="detached")
     assert page.evaluate(CELL, name) == before

@@ -8,11 +8,18 @@ import { send } from "./wire.js";
 const REASON_MS = 6000; // design: time to read five reasons; after it digits mean nothing
 const READ_MS = 300; // design: nobody reads a question sooner; a second key until then is none
 
+/** All that this page asks. @type {Question[]} */
+const questions = [];
+
 /** Something to be read before it is answered: what was pressed before it was in sight is none. */
 export class Question {
   #said = "";
 
   #since = 0;
+
+  constructor() {
+    questions.push(this);
+  }
 
   /** @param {string} said what is asked; nothing when empty */
   show(said) {
@@ -34,6 +41,9 @@ export class Question {
     return this.isRead(pressedAt());
   }
 }
+
+/** False where something came into sight only just before. */
+export const areRead = () => questions.every((one) => one.isRead());
 
 /** What is asked before something weighty is done. */
 export const question = new Question();
@@ -133,8 +143,11 @@ export const proposalsOf = ({ key: [name], others }) => others
  */
 export function onceRead(act, asked = question) {
   if (asked.wasRead()) act();
-  else state.tell({ text: "notice.unread", values: {}, grave: false });
+  else notice("notice.unread");
 }
+
+/** @param {string} text */
+export const notice = (text) => state.tell({ text, values: {}, grave: false });
 
 function show() {
   const { explaining, many, turning, until } = state;

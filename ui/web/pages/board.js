@@ -7,9 +7,9 @@ import {
   closeFiducial, fitFiducial, nudgeFiducial, openFiducial, showFiducial, windowOf, zoomFiducial,
 } from "./fiducial.js";
 import { filmPart } from "./film.js";
-import { draftBar, draftMark, draftOf, dropDraft, takeDrafts } from "./mark_drafts.js";
+import { draftBar, draftMark, draftOf, dropDraft, keepDraft, takeDrafts } from "./mark_drafts.js";
 import { ARROWS, ZOOMS, paneElement } from "./view.js";
-import { inTurn, send } from "./wire.js";
+import { send } from "./wire.js";
 
 /** @type {Record<FiducialState, State>} */
 const LOOKS = {
@@ -403,10 +403,12 @@ function use(wanted) {
   if (!shown?.cell.name) return;
   const { row: { photo }, cell: { name } } = shown;
   const drafted = wanted && draftOf(photo, name);
-  send({ kind: "mark-use", photo, name, use: wanted });
-  if (!drafted) return step(1);
-  // One that the desk asks about stays in sight.
-  inTurn(() => {
+  if (!drafted) {
+    send({ kind: "mark-use", photo, name, use: wanted });
+    return step(1);
+  }
+  keepDraft(drafted, () => {
+    // One that the desk asks about stays in sight.
     if (state.current?.join() === `${photo},${name}` && !draftOf(photo, name)) step(1);
   });
 }

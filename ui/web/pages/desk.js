@@ -7,7 +7,7 @@ import {
 } from "./queue.js";
 import { showMany, showPoint } from "./point.js";
 import {
-  answersNo, askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, once, onceRead,
+  answersNo, areRead, askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, once, onceRead,
   proposalsOf, question, setUpAsked,
 } from "./asked.js";
 import {
@@ -489,7 +489,7 @@ async function open() {
   if (start.looking) tell({ text: "notice.read-only", values: {}, grave: true });
   openScene();
   window.gruber = {
-    parts: state.parts, isAhead: () => isAhead() || !question.isRead(), compareState, boardState,
+    parts: state.parts, isAhead: () => isAhead() || !areRead(), compareState, boardState,
     placementState, maskState, mosaicState, checksState, areaShown,
   };
   if (tourIsNew()) startTour();

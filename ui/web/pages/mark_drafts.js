@@ -1,12 +1,16 @@
 // Drafts of fiducials: where the hand has put a mark, until a key keeps or drops it.
+import { Question, notice, onceRead } from "./asked.js";
 import { element, number, tip, word } from "./words.js";
 import { afterPause } from "./view.js";
 import { finishBefore, send } from "./wire.js";
 
+const question = new Question();
 const state = {
   told: /** @type {MarkDraft[]} */ ([]),
   /** The draft that is under the hand, ahead of the desk's answer. */
   hand: /** @type {MarkDraft | null} */ (null),
+  /** True until the desk has answered whether one is kept. */
+  keeping: false,
 };
 
 /** @param {string} photo @param {string} name */
@@ -59,10 +63,25 @@ export function dropDraft(photo, name) {
 }
 
 /**
+ * Kept, or asked about first: nobody answers what was not there to be read.
+ * @param {MarkDraft} draft @param {() => void} answered
+ */
+export function keepDraft({ photo, name }, answered) {
+  if (state.keeping) return notice("notice.ahead");
+  onceRead(() => {
+    state.keeping = send({ kind: "mark-use", photo, name, use: true }, () => {
+      state.keeping = false;
+      answered();
+    });
+  }, question);
+}
+
+/**
  * What keeping a draft would make of its scan.
  * @param {MarkDraft} draft @param {() => void} drop
  */
-export function draftBar({ asking, against, off, rms }, drop) {
+export function draftBar({ photo, name, asking, against, off, rms }, drop) {
+  question.show(asking ? `${photo}|${name}` : "");
   const text = off === null ? "board.draft.bare" : asking ? "board.draft.asking"
     : against ? "board.draft.against" : "board.draft";
   const values = { off: number(off, 1), rms: number(rms, 1) };

@@ -1,4 +1,5 @@
 // Surveyed points of the operator: a list looked at before it comes in, or one point typed.
+import { Question, onceRead } from "./asked.js";
 import {
   again, byId, element, numberOf, renew, sheetHead, start, svg, word, written,
 } from "./words.js";
@@ -9,6 +10,8 @@ const QUANTITIES = [
 ];
 const ROLES = ["control", "check", "plan", "height"];
 const MAP = 260; // design: large enough to see a point beside the block
+/** Whether a point that lies far from the block is meant. */
+const meant = new Question();
 const state = {
   name: "",
   data: /** @type {Blob | null} */ (null),
@@ -322,12 +325,18 @@ async function fillKnown() {
 }
 
 /** @param {Event} event */
-async function bringTyped(event) {
+function bringTyped(event) {
   event.preventDefault();
   const names = [...TYPED, "role", "description"];
   const cells = names.map((name) => one(name).value.replaceAll("\t", " ").trim());
   const plain = cells.map((cell, n) => (n && n < TYPED.length ? cell.replace(",", ".") : cell));
   const text = `${names.join("\t")}\n${plain.join("\t")}\n`;
+  if (state.far !== text) meant.show("");
+  onceRead(() => bringPoint(text, names), meant);
+}
+
+/** @param {string} text of one line below the names of its columns @param {string[]} names */
+async function bringPoint(text, names) {
   const reading = { encoding: "utf-8", delimiter: "\t", decimal: ".", header: true, axes: "E N",
     columns: names, ...(state.far === text ? { outside: "keep", heights: "keep" } : {}) };
   const answer = await bring("bring", new Blob([text]), "", reading);
@@ -340,6 +349,7 @@ async function bringTyped(event) {
   const asked = answer.questions?.[0];
   if (asked && ["outside", "heights"].includes(asked.about)) {
     state.far = text;
+    meant.show(text);
     tellTyped(`${again(asked.words)} ${word("points.one.far")}`);
     return;
   }
