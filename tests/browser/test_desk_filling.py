@@ -100,7 +100,6 @@ def test_one_mark_is_shown_and_the_others_are_found_corrected_and_undone__truth(
         page.wait_for_function("!gruber.isAhead()")
         if page.locator("#board-draft.against").count():
             page.keyboard.press("y")
-            page.wait_for_selector("#board-draft:has-text('Keep?')")
             page.wait_for_function("!gruber.isAhead()")
         page.keyboard.press("y")
         page.wait_for_selector(f'#board .mark.placed[data-mark="{current}"]')
