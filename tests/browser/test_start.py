@@ -7,6 +7,7 @@ import pytest
 
 from app.start import open_start
 from tests.browser.conftest import AT_WORK, PATIENCE_MS, VIOLATIONS
+from tests.browser.hands import caught_up
 from tests.browser.test_desk_security import asked, entered
 from tests.journeys.copies import copied, reviewing
 
@@ -71,6 +72,7 @@ def test_from_an_empty_folder_to_the_desk__truth(reviewed, page, tiny_block, tmp
     page.wait_for_selector("#people .person")
     page.click("#settings-open")
     page.wait_for_selector(".notice.grave")
+    caught_up(page)
     page.click("#settings-open")
     page.wait_for_selector("#go .muted:has-text('Nothing has changed')")
     assert page.is_hidden("#left")

@@ -3,7 +3,6 @@ import { byId, element, start, word } from "./words.js";
 
 export function setUpPlaced() {
   const sheet = byId("placed");
-  // What was clicked and not saved goes with the page; what was said stays.
   sheet.addEventListener("close", () => sheet.querySelector("iframe")?.remove());
   window.gruberPlaced = () => sheet.close();
 }

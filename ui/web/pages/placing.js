@@ -105,9 +105,27 @@ function fitViews(scan) {
   redraw();
 }
 
+/** Pairs that are not saved outlive the page. */
+function keepUnsaved() {
+  const unsaved = state.scans.map(({ photo, pairs }) => [photo, pairs])
+    .filter(([photo, pairs]) => JSON.stringify(pairs) !== (state.kept.get(`${photo}`) ?? "[]"));
+  sessionStorage.setItem(unsavedName(), JSON.stringify(Object.fromEntries(unsaved)));
+}
+
+const unsavedName = () => `gruber.pairs.${start.name}`;
+
+/** @param {ScanToPlace[]} scans */
+function recallUnsaved(scans) {
+  if (start.guest) return;
+  const unsaved = JSON.parse(sessionStorage.getItem(unsavedName()) ?? "{}");
+  for (const scan of scans) scan.pairs = unsaved[scan.photo] ?? scan.pairs;
+  if (scans.some(({ photo }) => photo in unsaved)) tell(word("placing.recalled"));
+}
+
 async function judge() {
   const { scan } = state;
   if (!scan) return;
+  keepUnsaved();
   const fit = await post(`/fit/${encodeURIComponent(scan.photo)}`, { pairs: scan.pairs });
   if (scan.photo !== state.scan?.photo) return;
   state.fit = fit;
@@ -195,6 +213,7 @@ async function save() {
   const { saved: file } = answer;
   if (file) kept.set(scan.photo, sent);
   else kept.delete(scan.photo);
+  keepUnsaved();
   const said = desk ? ["placing.decided", "placing.given-back"]
     : ["placing.saved", "placing.removed"];
   state.saved = word(said[file ? 0 : 1], { file });
@@ -446,6 +465,7 @@ async function open() {
   state.scans = scans;
   state.kept = new Map(scans.filter(({ pairs }) => pairs.length)
     .map(({ photo, pairs }) => [photo, JSON.stringify(pairs)]));
+  recallUnsaved(scans);
   learnNames(scans.map((one) => one.photo));
   document.title = `${start.name} \u00b7 ${word("placing")}`;
   fillWords();

@@ -1,4 +1,5 @@
 // A run that was begun on a page: a line for each stage, what is left of it, cancel and log.
+import { Question } from "./asked.js";
 import { again, all, byId, element, number, start, word } from "./words.js";
 
 const BUSY_MS = 700; // design: a run is watched closely, an idle page now and then
@@ -97,14 +98,17 @@ export async function isRunning() {
  */
 export function setUpSettings(hinders = () => [], leave = () => {}) {
   const button = byId("settings-open");
+  const question = new Question();
   let asked = "";
   button.title = word("settings.tip");
-  button.addEventListener("click", async () => {
+  button.addEventListener("click", async ({ timeStamp }) => {
     const run = await isRunning() ? [word("settings.stop")] : [];
     const whys = [...new Set([...hinders(), ...run])];
     const before = asked;
     asked = whys.join();
-    if (whys.length && asked !== before) return whys.forEach((why) => tell(why, true));
+    question.show(asked);
+    const answers = asked === before && question.isRead(performance.timeOrigin + timeStamp);
+    if (whys.length && !answers) return whys.forEach((why) => tell(why, true));
     // By this mark the page that follows knows whose doing it was.
     const mark = `${Math.random()}`;
     sessionStorage.setItem("gruber.leaving", mark);
