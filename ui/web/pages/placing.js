@@ -116,7 +116,6 @@ const unsavedName = () => `gruber.pairs.${start.name}`;
 
 /** @param {ScanToPlace[]} scans */
 function recallUnsaved(scans) {
-  if (start.guest) return;
   const unsaved = JSON.parse(sessionStorage.getItem(unsavedName()) ?? "{}");
   for (const scan of scans) scan.pairs = unsaved[scan.photo] ?? scan.pairs;
   if (scans.some(({ photo }) => photo in unsaved)) tell(word("placing.recalled"));
