@@ -217,6 +217,7 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
         "others": _others(state, rows, pictured, pictured.beside or (key,)),
         "ahead": _ahead(state, seat, rows, drawn),
         "idle": state.is_idle(key),
+        "fixed": key in state.extra.measurements,
         "trial": _trial(state, pictured.trial),
         "history": list(pictured.history),
     }

@@ -174,6 +174,8 @@ interface Point {
   ahead: [photo: string, version: number, east: number, north: number][];
   /** Its photo was rejected: no verdict changes anything. */
   idle: boolean;
+  /** Only yes or no applies: nothing is placed. */
+  fixed: boolean;
   trial: Trial | null;
   history: HistoryItem[];
 }

@@ -10,11 +10,9 @@ import {
 import {
   drawLayer, fetchAhead, groundFromLayer, layerFromGround, onTile, orthoLayer, rawLayer, scanLayer,
 } from "./tiles.js";
+import { Pane, View, afterPause, inverse, mapped, oncePerFrame, scaleOf } from "./view.js";
 import {
-  Pane, View, afterPause, inverse, mapped, oncePerFrame, scaleOf,
-} from "./view.js";
-import {
-  drawEllipse, drawPatch, drawReadings, ellipseRadius, framed, inBoth, rawFromGround,
+  drawEllipse, drawPatch, drawReadings, ellipseRadius, framed, inBoth, isPlaceable, rawFromGround,
 } from "./expected.js";
 import { beside, drawTogether, showTools, worksTogether } from "./together.js";
 import { ofOne } from "./queue.js";
@@ -172,7 +170,7 @@ export function compareState() {
  */
 export function nudge(right, down) {
   const { point, look, nudged } = state;
-  if (!point) return;
+  if (!point || !isPlaceable(point)) return;
   const [isRaw, hand] = [look.raw && (look.mode === "side" || look.blink), inBoth(nudged, point)];
   const from = isRaw ? hand?.raw ?? point.draft?.raw ?? point.raw.measured
     : hand?.ground ?? point.draft?.place ?? point.marks.measured;
@@ -425,7 +423,7 @@ function describe(pane, point, { ground, raw }) {
 
 /** @param {Place} place */
 const putMark = (place) => ofOne(() => {
-  if (!state.point) return;
+  if (!state.point || !isPlaceable(state.point)) return;
   // The draft stands there at once; the desk's answer puts it where it is kept.
   state.nudged = framed(place);
   redraw();

@@ -1,4 +1,5 @@
 // Where a point lies in all likelihood, and what was compared there: laid over scan and ortho.
+import { notice } from "./asked.js";
 import { halo, text } from "./overlay.js";
 import { inverse, mapped, scaleOf } from "./view.js";
 import { start } from "./words.js";
@@ -12,6 +13,12 @@ const CORNERS = 64; // design: an ellipse of a whole window looks round
 /** The ground about the point into the raw scan. @param {Point} point @returns {Affine} */
 export function rawFromGround({ raw, marks: { predicted: [east, north] } }) {
   return raw.matrix.map(([a, b], i) => [a, b, raw.predicted[i] - a * east - b * north]);
+}
+
+/** False where only yes or no applies, which is said. @param {Point} point */
+export function isPlaceable({ fixed }) {
+  if (fixed) notice("notice.yes-or-no");
+  return !fixed;
 }
 
 /** @param {Place} place @returns {Nudged} */
