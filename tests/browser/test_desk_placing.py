@@ -112,10 +112,8 @@ def test_a_mark_nudged_where_no_draft_comes_of_it_goes_back__law(sit, desk):
 def test_what_is_only_in_use_or_not_is_not_moved__law(sit):
     """A nudge looked as if it moved a photo's middle, and a quick `Y` took the photo into use."""
     page = sit(scene=False)
-    page.select_option("#sieve-role", "photo")
-    page.wait_for_function("gruber.parts.point.role === 'photo'")
     page.wait_for_function("gruber.compareState().drawn.whole")
-    caught_up(page)
+    page.evaluate("gruber.compareState().point.fixed = true")
     before = page.evaluate(PLACE)
     page.keyboard.press("Shift+ArrowRight")
     page.wait_for_selector(".notice:has-text('Only yes and no')")
