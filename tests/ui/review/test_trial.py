@@ -135,6 +135,17 @@ def test_accepting_what_was_rejected_would_bring_it_back__law(state):
         assert found.sigma_nought != pytest.approx(desk.state.report.sigma_nought, rel=1e-6)
 
 
+def test_what_is_only_in_use_or_not_is_told_as_that__law(state):
+    ties = state.block.ties
+    name, (column, row) = ties.photo_ids[int(ties.photo[0])], map(float, ties.pixels[0])
+    desk = decided(JudgeTie(name, column, row, use=False))
+    of_a_tie = next(iter(desk.state.extra.measurements))
+    for key in (of_a_tie, next(iter(desk.state.block.measurements))):
+        seat, pictured = Seat("anna-1", "anna", current=key), Pictured(desk.drawn, desk.dem)
+        part = point_part(desk.state, seat, desk.rows, pictured)
+        assert part["fixed"] == (key == of_a_tie)
+
+
 def test_in_a_rejected_photo_no_verdict_changes_anything__law(state):
     """Its measurements were told a change that did not come."""
     key = sorted(tiny_block().blunders)[0]
