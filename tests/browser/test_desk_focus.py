@@ -162,6 +162,7 @@ def test_a_notice_in_a_sheet_outlives_what_is_drawn_anew_and_the_sheet__law(page
     page.keyboard.press("b")
     page.select_option("#quality #sign-verdict", "accept-with-remarks")
     page.fill("#quality #sign-remark", "small holes")
+    caught_up(page)
     page.click("#quality #sign")
     page.wait_for_selector("#quality .notice")
     page.wait_for_selector("#quality .signature")
@@ -178,6 +179,7 @@ def test_a_notice_in_a_sheet_outlives_what_is_drawn_anew_and_the_sheet__law(page
 def test_nothing_is_chosen_once_it_is_signed__law(page: Any) -> None:
     page.keyboard.press("b")
     page.select_option("#quality #sign-verdict", "accept-with-remarks")
+    caught_up(page)
     page.click("#quality #sign")
     page.wait_for_selector("#quality .notice")
     # What was refused stays chosen: the remark is missing.
@@ -267,6 +269,7 @@ def test_checks_are_read_by_keys_alone__law(page: Any, real_desk: RealDesk) -> N
     # The middles of the two views are different ground: such a reading is asked about.
     page.keyboard.press("y")
     page.wait_for_selector("#checks-state.against")
+    caught_up(page)
     page.keyboard.press("y")
     page.wait_for_function("name => gruber.checksState().current !== name", arg=place)
     page.wait_for_function("!gruber.isAhead()")

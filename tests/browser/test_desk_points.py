@@ -79,6 +79,7 @@ def test_a_list_comes_in_once_however_often_its_button_is_pressed__law(page, inp
         page.fill(f"#points-one-{name}", value)
     page.click("#points-one-bring")
     page.wait_for_selector("#points .bad:has-text('far outside the block')")
+    caught_up(page)
     page.evaluate(twice.replace("points-bring", "points-one-bring"))
     page.wait_for_selector("#points", state="hidden")
     page.wait_for_timeout(1000)
