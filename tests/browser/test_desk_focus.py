@@ -10,7 +10,7 @@ from app.project import read_project
 from sessions.decisions import ReadCheck
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, RealDesk, toured
-from tests.browser.hands import accept, settled, unfold
+from tests.browser.hands import accept, caught_up, settled, unfold
 from ui.words.catalogue import words
 
 Sit = Callable[..., Any]
