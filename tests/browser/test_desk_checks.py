@@ -78,7 +78,9 @@ def test_the_question_about_a_plan_is_in_sight_of_the_sheet_as_long_as_it_is_ask
     open_checks(page)
     for no in ("Escape", "j", "k", "pointer"):
         page.keyboard.press("u")
+        page.keyboard.press("u")  # before it is asked, and so no answer
         page.wait_for_selector("#checks #turning:has-text('Withdraw check plan 1 of')")
+        caught_up(page)
         if no == "pointer":
             page.click("#checks .check-room >> nth=0")
         else:
@@ -92,7 +94,7 @@ def test_the_question_about_a_plan_is_in_sight_of_the_sheet_as_long_as_it_is_ask
     page.click("#checks-close")
     caught_up(page)
     assert page.evaluate("gruber.parts.queue.turning") is None
-    assert sum(map(is_plan, real_desk.session.decisions())) == 1
+    assert [is_plan(one) for one in real_desk.session.decisions()] == [True]
 
 
 def test_marks_wait_for_whoever_looks_at_another_place_and_no_question_moves_the_pictures__law(
@@ -243,10 +245,11 @@ def test_a_signature_is_outdated_by_a_decision_and_holds_again_once_undone__law(
     page.select_option("#sign-verdict", "reject")
     page.fill("#sign-remark", "shifted in the north")
     caught_up(page)
-    page.click("#sign")
+    page.dblclick("#sign")
     page.wait_for_selector(".signature")
-    signed = real_desk.session.decisions()[-1].decision
-    assert isinstance(signed, SignBlock)
+    caught_up(page)
+    made = [one.decision for one in real_desk.session.decisions()]
+    assert sum(isinstance(one, SignBlock) for one in made) == 1
     assert "“shifted in the north”" in page.inner_text(".signature")
     assert not page.query_selector(".signature .outdated")
     page.click("#quality-close")
@@ -266,6 +269,12 @@ def test_a_signature_is_outdated_by_a_decision_and_holds_again_once_undone__law(
     )
     places = [one for one in real_desk.session.decisions() if isinstance(one.decision, Place)]
     assert len(places) == before
+    page.click("#quality-close")
+    known = len(real_desk.session.decisions())
+    page.dblclick('[data-act="undo"]')
+    page.wait_for_selector("#asked.against #keep:has-text('signature')")
+    caught_up(page)
+    assert len(real_desk.session.decisions()) == known
 
 
 def at_the_mosaic(real_desk: RealDesk, sit_at: Sit) -> Any:

@@ -200,21 +200,29 @@ def test_pairs_are_called_saved_once_they_are__law(sit_at: Sit, real_desk: RealD
     for scan in away_and_back:
         inner.locator(scan).first.click()
     assert inner.evaluate("gruber.place().saved") == ""
-    # Closed before they were saved, they are there again.
+    # Closed before they were saved, they are there again, as the last arrow left them.
+    page.keyboard.press("Shift+ArrowRight")
+    pairs = inner.evaluate("gruber.place().scan.pairs")
     page.keyboard.press("Escape")
     page.wait_for_selector("#placed:not([open])", state="attached")
     page.keyboard.press("Shift+G")
     page.frame_locator("#placed iframe").locator(f'.scan.on[data-scan="{name}"]').wait_for()
     inner = next(one for one in page.frames if "placing.html" in one.url)
     inner.wait_for_function("gruber.place().scan?.pairs.length === 2")
+    assert inner.evaluate("gruber.place().scan.pairs") == pairs
     assert inner.evaluate("gruber.place().saved") == ""
     box = inner.locator(".pane[data-pane=ortho]").bounding_box()
     page.mouse.click(box["x"] + 0.3 * box["width"], box["y"] + 0.3 * box["height"])
     page.keyboard.press("f")
     assert inner.evaluate("Boolean(gruber.place().pending.ortho)")
     page.keyboard.press("u")
+    before = page.evaluate("gruber.parts.status.decided")
+    page.keyboard.press("s")
     page.keyboard.press("s")
     inner.wait_for_function("gruber.place().saved")
+    page.wait_for_function("before => gruber.parts.status.decided > before", arg=before)
+    settled(page)
+    assert page.evaluate("gruber.parts.status.decided") == before + 1, "saved once"
     for scan in away_and_back:
         inner.locator(scan).first.click()
     assert "saved before" in inner.evaluate("gruber.place().saved")

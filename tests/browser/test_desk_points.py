@@ -101,6 +101,14 @@ def test_a_typed_point_far_away_is_asked_about__law(page, inputs):
     page.dblclick("#points-one-bring")  # a habit: the second click answers nothing
     page.wait_for_selector("#points .bad:has-text('far outside the block')")
     caught_up(page)
+    # Of a point typed once more nothing is known.
+    page.keyboard.press("Escape")
+    page.click("#points-open")
+    for name, value in {"id": "FAR", "X": "0", "Y": "0", "Z": "280"}.items():
+        page.fill(f"#points-one-{name}", value)
+    page.click("#points-one-bring")
+    page.wait_for_selector("#points .bad:has-text('far outside the block')")
+    caught_up(page)
     assert not inputs.session.decisions()
     page.click("#points-one-bring")
     page.wait_for_selector("#points", state="hidden")

@@ -121,6 +121,8 @@ class Undone:
     seat_id: str
     mark: Key | None = None
     """Photo and name of the fiducial that the board shows."""
+    asked: bool = False
+    """Whether it answers what was asked before something weighty is taken back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -434,7 +436,9 @@ _READERS: dict[str, Callable[[str, Message], Gesture]] = {
     "refine": lambda seat, message: Refined(seat, _key(message)),
     "peak": lambda seat, message: PeakChosen(seat, _key(message), int(message["index"])),
     "role": lambda seat, message: RoleSwitched(seat, str(message["point"])),
-    "undo": lambda seat, message: Undone(seat, _key(message) if "key" in message else None),
+    "undo": lambda seat, message: Undone(
+        seat, _key(message) if "key" in message else None, bool(message.get("asked"))
+    ),
     "redo": lambda seat, message: Redone(seat),
     "step": lambda seat, message: Stepped(
         seat, 1 if int(message["step"]) > 0 else -1, bool(message.get("undecided", False))

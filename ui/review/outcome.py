@@ -149,9 +149,11 @@ def _act(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return Outcome(seat, act="free")
         case AnswerAsked():
             return Outcome(seat, act="answer")
-        case Undone() | Redone():
-            act = "undo" if isinstance(gesture, Undone) else "redo"
-            return Outcome(replace(seat, explaining=()), act=act)
+        case Undone(asked=asked):
+            turning = seat.turning if asked else None
+            return Outcome(replace(seat, explaining=(), turning=turning), act="undo")
+        case Redone():
+            return Outcome(replace(seat, explaining=()), act="redo")
         case RemakeAsked():
             return Outcome(seat, act="remake")
         case RemakeCancelled(filling=filling):

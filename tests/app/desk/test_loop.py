@@ -185,8 +185,12 @@ def test_undo_of_a_signature_is_asked_about_first__law(desk: Any):
     desk.glass.until(lambda glass: not asked(glass))
     desk.loop.submit(Undone("anna-1"))
     desk.glass.until(lambda glass: asked(glass) == "undo.ask.SignBlock")
-    assert [type(one.decision) for one in desk.session.decisions()] == [SignBlock]
+    # What was pressed before it was asked is no answer.
     desk.loop.submit(Undone("anna-1"))
+    desk.loop.submit(AnswerAsked("anna-1", 7))
+    desk.glass.until(lambda glass: glass.parts["anna-1"].get("answered") == 7)
+    assert [type(one.decision) for one in desk.session.decisions()] == [SignBlock]
+    desk.loop.submit(Undone("anna-1", asked=True))
     desk.glass.until(lambda glass: ("anna-1", "notice.undo.SignBlock") in glass.notices)
     desk.glass.until(lambda glass: not asked(glass))
     assert len(desk.session.decisions()) == 2

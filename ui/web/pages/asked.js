@@ -55,6 +55,7 @@ const state = {
   explaining: /** @type {Key[]} */ ([]),
   until: 0,
   timer: 0,
+  notices: /** @type {HTMLElement | null} */ (null),
   /** The question before a weighty decision is taken back. */
   turning: /** @type {Notice | null} */ (null),
   tell: /** @type {(notice: Notice) => void} */ (() => {}),
@@ -146,6 +147,25 @@ export function onceRead(act, asked = question) {
   else notice("notice.unread");
 }
 
+/**
+ * What was done last is taken back; what is asked about first is answered by doing it once more.
+ * @param {object} [about] the fiducial that is shown
+ */
+export const undo = (about = {}) =>
+  onceRead(() => send({ kind: "undo", asked: state.turning !== null, ...about }));
+
+/** `U`, or with Shift what was taken back is done again. @param {KeyboardEvent} event */
+export const undoOrRedo = ({ shiftKey }) => (shiftKey ? send({ kind: "redo" }) : undo());
+
+/** Where notices stand: what is to be seen over an open sheet must lie in it. */
+export function noticeRoom() {
+  // A sheet that was drawn anew may have thrown them out of the page.
+  state.notices ??= byId("notices");
+  const home = document.querySelector("dialog[open]") ?? document.body;
+  if (state.notices.parentElement !== home) home.append(state.notices);
+  return state.notices;
+}
+
 /** @param {string} text */
 export const notice = (text) => state.tell({ text, values: {}, grave: false });
 
@@ -175,7 +195,7 @@ function show() {
 function showTurning({ text, values }) {
   const said = word(text, values);
   const asked = [element("p", { title: said }, said),
-    answer("history.back", "U", () => send({ kind: "undo" })),
+    answer("history.back", "U", () => undo()),
     answer("remake.cancel", "Esc", dropTurning)];
   const sheet = document.querySelector("dialog[open]");
   if (sheet || !byId("asked").checkVisibility({ visibilityProperty: true })) {

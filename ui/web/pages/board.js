@@ -1,4 +1,5 @@
 // The fiducial board: every photo by every fiducial, worst first; one large, to be corrected.
+import { undo as takeBack } from "./asked.js";
 import {
   again, all, byId, element, first, focused, number, numbers, renew, shortName, start, stateGlyph,
   svg, tip, turn, word,
@@ -7,7 +8,9 @@ import {
   closeFiducial, fitFiducial, nudgeFiducial, openFiducial, showFiducial, windowOf, zoomFiducial,
 } from "./fiducial.js";
 import { filmPart } from "./film.js";
-import { draftBar, draftMark, draftOf, dropDraft, keepDraft, takeDrafts } from "./mark_drafts.js";
+import {
+  draftBar, draftMark, draftOf, dropDraft, keepDraft, leaveDrafts, takeDrafts,
+} from "./mark_drafts.js";
 import { ARROWS, ZOOMS, paneElement } from "./view.js";
 import { send } from "./wire.js";
 
@@ -32,6 +35,7 @@ const state = {
 export function setUpBoard() {
   byId("board").addEventListener("close", () => {
     closeFiducial();
+    leaveDrafts();
     send({ kind: "sheet", sheet: "board", shown: false });
   });
 }
@@ -424,7 +428,7 @@ function drop() {
 /** What was done last is taken back: the draft that is shown, or a decision. */
 function undo() {
   const { row, cell } = now() ?? {};
-  return send({ kind: "undo", ...(row && cell && { key: [row.photo, cell.name] }) });
+  return takeBack(row && cell ? { key: [row.photo, cell.name] } : {});
 }
 
 function snap() {
@@ -462,7 +466,6 @@ const ACTS = {
   KeyJ: () => step(1), KeyK: () => step(-1), KeyF: fitFiducial, KeyL: fill,
   KeyU: (event) => event.shiftKey ? send({ kind: "redo" }) : undo(), Enter: snap,
 };
-const REPEATS = ["KeyJ", "KeyK"];
 
 /**
  * Keys while the board is open; true when the key is ours.
@@ -489,7 +492,7 @@ export function boardKey(event, letter) {
     return true;
   }
   const act = ACTS[letter];
-  if (act && down && (!event.repeat || REPEATS.includes(letter))) act(event);
+  if (act && down && (!event.repeat || ["KeyJ", "KeyK"].includes(letter))) act(event);
   return Boolean(act) || event.key.length === 1;
 }
 

@@ -5,7 +5,7 @@ import {
   drawLayer, groundFromLayer, layerFromGround, mosaicLayer, onTile, orthoLayer,
 } from "./tiles.js";
 import { ARROWS, Pane, View, ZOOMS, oncePerFrame, paneElement } from "./view.js";
-import { Question, onceRead } from "./asked.js";
+import { Question, onceRead, undoOrRedo } from "./asked.js";
 import { send } from "./wire.js";
 
 const SIDES = ["mosaic", "reference"];
@@ -414,7 +414,7 @@ function draw() {
 /** @type {Record<string, (event: KeyboardEvent) => void>} */
 const ACTS = {
   KeyY: keep, KeyN: ask, KeyJ: () => step(1), KeyK: () => step(-1), KeyF: fit,
-  KeyU: ({ shiftKey }) => send({ kind: shiftKey ? "redo" : "undo" }),
+  KeyU: undoOrRedo,
 };
 const LOOKS = ["KeyJ", "KeyK", "KeyF"];
 

@@ -8,7 +8,7 @@ import {
 import { showMany, showPoint } from "./point.js";
 import {
   answersNo, areRead, askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, once, onceRead,
-  proposalsOf, question, setUpAsked,
+  noticeRoom, proposalsOf, question, setUpAsked, undo,
 } from "./asked.js";
 import {
   blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
@@ -61,7 +61,6 @@ const state = {
   /** True from a decision until the desk is done with it. */
   deciding: false,
   handAt: -Infinity,
-  notices: /** @type {HTMLElement | null} */ (null),
 };
 
 /**
@@ -124,7 +123,7 @@ const ACTS = {
   dubious: () => judge("dubious"),
   invisible: () => judge("invisible"),
   role: ofOne(() => decide(() => sendOf(({ key }) => ({ kind: "role", point: key[0] })))),
-  undo: () => onceRead(() => send({ kind: "undo" })),
+  undo,
   redo: () => send({ kind: "redo" }),
   next: () => send({ kind: "step", step: 1, undecided: true }),
   previous: () => send({ kind: "step", step: -1 }),
@@ -426,10 +425,8 @@ const draftIn = (point) => (point?.draft ? point.key.join("|") : "");
  * @param {(box: HTMLElement) => unknown} isOver
  */
 function forget(isOver) {
-  // A sheet that was drawn anew may have thrown them out of the page.
-  state.notices ??= byId("notices");
-  for (const box of all(".notice", state.notices)) if (isOver(box)) box.remove();
-  return state.notices;
+  for (const box of all(".notice", noticeRoom())) if (isOver(box)) box.remove();
+  return noticeRoom();
 }
 
 /**
@@ -443,8 +440,6 @@ function tell({ text: name, values, grave, draft }) {
   const kind = `notice${grave ? " grave" : ""}`;
   const away = () => box.remove();
   const box = element("div", { class: kind, "data-draft": of, onclick: away }, text);
-  // What is to be seen over an open sheet must lie in it.
-  (document.querySelector("dialog[open]") ?? document.body).append(notices);
   notices.append(box);
   setTimeout(() => box.remove(), grave ? GRAVE_MS : NOTICE_MS);
 }

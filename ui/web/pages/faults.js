@@ -1,4 +1,5 @@
 // Faults of the mosaic: marked at a place, answered, closed and opened again.
+import { once } from "./asked.js";
 import { halo, text } from "./overlay.js";
 import { byId, element, moment, shortName, start, word } from "./words.js";
 import { send } from "./wire.js";
@@ -7,9 +8,20 @@ const KINDS = ["double", "smear", "cloud", "cut", "tone", "shift", "other"];
 const OPEN = "#ff5d8f";
 const CLOSED = "#9aa7b4";
 const ARM_PX = 6; // design: seen beside an arrow of misfit, and no wider than a double image
-const state = { kind: KINDS[0], of: "", words: "", assigned: "", answer: "", chosen: 0 };
+const state = {
+  kind: KINDS[0], of: "", words: "", assigned: "", answer: "", chosen: 0,
+  /** True until the desk has taken what was said: it is said once. */
+  saying: false,
+};
 
 /** @typedef {"words" | "assigned" | "answer"} Text */
+
+/** @param {object} said */
+function say(said) {
+  if (state.saying) return false;
+  state.saying = send({ kind: "remark", ...said }, () => { state.saying = false; });
+  return state.saying;
+}
 
 /** @param {Text} name @param {string} label */
 const field = (name, label) => element("input", { id: `fault-${name}`, value: state[name],
@@ -36,13 +48,13 @@ export function markFault(picked) {
       : word("fault.of.mosaic"))));
   const mark = () => {
     const about = state.of ? { subject: "photo", name: state.of } : { subject: "place" };
-    if (send({ kind: "remark", ...about, place: picked.place.slice(0, 2), fault: state.kind,
-      words: state.words, assigned: state.assigned })) {
+    if (say({ ...about, place: picked.place.slice(0, 2), fault: state.kind, words: state.words,
+      assigned: state.assigned })) {
       Object.assign(state, { words: "", assigned: "" });
     }
   };
   return [element("div", { class: "acts fault-form" }, kind, of, field("words", "fault.words"),
-    field("assigned", "fault.assigned"), element("button", { id: "fault-mark", onclick: mark,
+    field("assigned", "fault.assigned"), element("button", { id: "fault-mark", onclick: once(mark),
       disabled: start.guest, title: word("fault.mark.tip") }, word("fault.mark")))];
 }
 
@@ -76,8 +88,8 @@ export function faultList({ faults = [] }, ask, changed) {
 /** @param {Fault} fault */
 function thread({ id, open, said }) {
   const answer = (/** @type {boolean | null} */ closes) => {
-    if (send({ kind: "remark", subject: "decision", name: `${id}`, words: state.answer,
-      closes })) state.answer = "";
+    const whole = { subject: "decision", name: `${id}`, words: state.answer, closes };
+    if (say(whole)) state.answer = "";
   };
   const turn = open ? "fault.close" : "fault.open-again";
   const lines = said.map(({ who, when, words, closes }) => element("p", {},
@@ -85,12 +97,12 @@ function thread({ id, open, said }) {
       : `${word(closes ? "fault.closed" : "fault.open")} `, words));
   return element("div", { class: "fault-thread" }, ...lines, element("div",
     { class: "acts fault-form" }, field("answer", "remark.words"),
-    element("button", { id: "fault-say", disabled: start.guest, onclick: () => {
+    element("button", { id: "fault-say", disabled: start.guest, onclick: once(() => {
       if (state.answer.trim()) answer(null);
       else byId("fault-answer").focus();
-    } }, word("fault.answer")),
-    element("button", { id: "fault-turn", disabled: start.guest, onclick: () => answer(open) },
-      word(turn)),
+    }) }, word("fault.answer")),
+    element("button", { id: "fault-turn", disabled: start.guest,
+      onclick: once(() => answer(open)) }, word(turn)),
     element("button", { id: "fault-back", disabled: start.guest, title: word("history.back.tip"),
       onclick: () => send({ kind: "back", decision: id }) }, word("history.back"))));
 }

@@ -62,6 +62,9 @@ export function dropDraft(photo, name) {
   return true;
 }
 
+/** What is asked about one is to be read anew. */
+export const leaveDrafts = () => question.show("");
+
 /**
  * Kept, or asked about first: nobody answers what was not there to be read.
  * @param {MarkDraft} draft @param {() => void} answered

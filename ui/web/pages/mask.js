@@ -1,4 +1,5 @@
 // Masks by hand: outlines and strokes of a brush on the raw scan, and an eraser.
+import { undoOrRedo } from "./asked.js";
 import {
   byId, element, first, number, renew, shortName, start, word,
 } from "./words.js";
@@ -318,7 +319,7 @@ function move([right, down], px) {
 /** @type {Record<string, (event: KeyboardEvent) => void>} */
 const ACTS = {
   KeyP: () => use("polygon"), KeyB: () => use("brush"), KeyJ: () => step(1), KeyK: () => step(-1),
-  KeyF: fit, KeyU: (event) => send({ kind: event.shiftKey ? "redo" : "undo" }),
+  KeyF: fit, KeyU: undoOrRedo,
   KeyE: () => {
     state.hides = !state.hides;
     refresh();

@@ -1,4 +1,5 @@
 // The mosaic beside and over the ortho of today: linked, swiped, blended, blinked or subtracted.
+import { undoOrRedo } from "./asked.js";
 import {
   drawEdit, dragCorner, dropCorner, editKey, editState, gripCorner, isEditing, putCorner, setUpEdit,
 } from "./mosaic_edit.js";
@@ -455,7 +456,7 @@ export function mosaicKey(event, letter) {
   }
   const acts = ACTS[letter];
   if (acts && !event.repeat) acts();
-  if (letter === "KeyU" && !event.repeat) send({ kind: event.shiftKey ? "redo" : "undo" });
+  if (letter === "KeyU" && !event.repeat) undoOrRedo(event);
   return Boolean(acts) || event.key.length === 1;
 }
 

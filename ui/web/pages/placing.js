@@ -9,6 +9,7 @@ import {
 import { ARROWS, Pane, View, inverse, mapped, oncePerFrame } from "./view.js";
 import { listenToKeys } from "./keys.js";
 import { nextTheme, setUpTheme } from "./theme.js";
+import { keepUnsaved, recallUnsaved } from "./unsaved.js";
 import {
   beginRun, cancelButton, post, runLines, runNow, setUpSettings, tell, watchRun,
 } from "./run.js";
@@ -32,6 +33,7 @@ const state = {
   wallis: false,
   model: /** @type {"similarity" | "affine"} */ ("similarity"),
   saved: "",
+  saving: false,
   /** Photos with saved pairs: without any left, saving gives them back. */
   kept: /** @type {Map<string, string>} */ (new Map()),
   /** Pairs as they were before each change, as JSON. */
@@ -105,26 +107,10 @@ function fitViews(scan) {
   redraw();
 }
 
-/** Pairs that are not saved outlive the page. */
-function keepUnsaved() {
-  const unsaved = state.scans.map(({ photo, pairs }) => [photo, pairs])
-    .filter(([photo, pairs]) => JSON.stringify(pairs) !== (state.kept.get(`${photo}`) ?? "[]"));
-  sessionStorage.setItem(unsavedName(), JSON.stringify(Object.fromEntries(unsaved)));
-}
-
-const unsavedName = () => `gruber.pairs.${start.name}`;
-
-/** @param {ScanToPlace[]} scans */
-function recallUnsaved(scans) {
-  const unsaved = JSON.parse(sessionStorage.getItem(unsavedName()) ?? "{}");
-  for (const scan of scans) scan.pairs = unsaved[scan.photo] ?? scan.pairs;
-  if (scans.some(({ photo }) => photo in unsaved)) tell(word("placing.recalled"));
-}
-
 async function judge() {
   const { scan } = state;
   if (!scan) return;
-  keepUnsaved();
+  keepUnsaved(state.scans, state.kept);
   const fit = await post(`/fit/${encodeURIComponent(scan.photo)}`, { pairs: scan.pairs });
   if (scan.photo !== state.scan?.photo) return;
   state.fit = fit;
@@ -159,7 +145,7 @@ function takeBack() {
     scan.pairs = JSON.parse(history.pop() ?? "[]");
     Object.assign(state, { last: null, saved: "" });
     judge();
-  }
+  } else tell(word("notice.nothing-to-undo"));
   show();
 }
 
@@ -176,6 +162,7 @@ function remove(index) {
 function move(index, side, place) {
   state.scan?.pairs[index].splice(side === "scan" ? 0 : 2, 2, ...place);
   state.last = { index, side };
+  keepUnsaved(state.scans, state.kept);
   redraw();
 }
 
@@ -207,12 +194,16 @@ async function save() {
   const seat = encodeURIComponent(asked.get("seat") ?? "");
   const address = `/points/${encodeURIComponent(scan.photo)}?seat=${seat}`;
   const sent = JSON.stringify(scan.pairs);
-  const answer = await post(address, { pairs: scan.pairs });
+  if (state.saving) return;
+  if (kept.get(scan.photo) === sent) return tell(word("placing.was"));
+  state.saving = true;
+  const answer = await post(address, { pairs: scan.pairs })
+    .finally(() => { state.saving = false; });
   if (!answer.ok) return tell(answer.error, true);
   const { saved: file } = answer;
   if (file) kept.set(scan.photo, sent);
   else kept.delete(scan.photo);
-  keepUnsaved();
+  keepUnsaved(state.scans, kept);
   const said = desk ? ["placing.decided", "placing.given-back"]
     : ["placing.saved", "placing.removed"];
   state.saved = word(said[file ? 0 : 1], { file });
@@ -464,7 +455,7 @@ async function open() {
   state.scans = scans;
   state.kept = new Map(scans.filter(({ pairs }) => pairs.length)
     .map(({ photo, pairs }) => [photo, JSON.stringify(pairs)]));
-  recallUnsaved(scans);
+  for (const said of recallUnsaved(scans, state.kept)) tell(said);
   learnNames(scans.map((one) => one.photo));
   document.title = `${start.name} \u00b7 ${word("placing")}`;
   fillWords();

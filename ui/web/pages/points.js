@@ -21,8 +21,9 @@ const state = {
   reading: /** @type {Record<string, any>} */ ({}),
   found: /** @type {ReadList | null} */ (null),
   error: "",
-  /** The typed point of which it was said that it lies far from the block. */
+  /** The typed point of which it was said that it lies far from the block, and what was asked. */
   far: "",
+  doubts: /** @type {string[]} */ ([]),
   /** True while a list or a point comes in. */
   bringing: false,
   /** How often the list was read; only the last answer counts. */
@@ -48,7 +49,8 @@ export function setUpPoints() {
 function open() {
   const turn = state.turn + 1;
   Object.assign(state,
-    { name: "", data: null, reading: {}, found: null, foreign: null, error: "", turn });
+    { name: "", data: null, reading: {}, found: null, foreign: null, error: "", turn, far: "" });
+  meant.show("");
   draw();
   if (!byId("points").open) byId("points").showModal();
 }
@@ -337,8 +339,9 @@ function bringTyped(event) {
 
 /** @param {string} text of one line below the names of its columns @param {string[]} names */
 async function bringPoint(text, names) {
+  const kept = state.far === text ? state.doubts : [];
   const reading = { encoding: "utf-8", delimiter: "\t", decimal: ".", header: true, axes: "E N",
-    columns: names, ...(state.far === text ? { outside: "keep", heights: "keep" } : {}) };
+    columns: names, ...Object.fromEntries(kept.map((about) => [about, "keep"])) };
   const answer = await bring("bring", new Blob([text]), "", reading);
   if (!answer) return;
   if (answer.brought) {
@@ -348,8 +351,8 @@ async function bringPoint(text, names) {
   const refused = answer.refused?.[0];
   const asked = answer.questions?.[0];
   if (asked && ["outside", "heights"].includes(asked.about)) {
-    state.far = text;
-    meant.show(text);
+    Object.assign(state, { far: text, doubts: [...kept, asked.about] });
+    meant.show(`${text}${asked.about}`);
     tellTyped(`${again(asked.words)} ${word("points.one.far")}`);
     return;
   }

@@ -37,7 +37,7 @@ export function setUpQuality() {
 export function openQuality(known) {
   const sheet = byId("quality");
   if (sheet.open) return sheet.close();
-  sheet.replaceChildren(element("p", { class: "muted" }, word("wait")));
+  renew(sheet, element("p", { class: "muted" }, word("wait")));
   sheet.showModal();
   state.shown = "";
   if (known) showQuality(known);

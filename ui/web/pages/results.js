@@ -1,7 +1,7 @@
 // Tables and report, to be opened or taken away.
 import { mosaicButton } from "./mosaic.js";
 import { post } from "./run.js";
-import { again, byId, element, fileSize, focused, sheetHead, start, word } from "./words.js";
+import { again, byId, element, fileSize, focused, renew, sheetHead, start, word } from "./words.js";
 
 const state = {
   /** When the report shown was written. */
@@ -45,7 +45,7 @@ async function open() {
   const sheet = byId("results");
   const list = element("div", { class: "files", "aria-busy": "true" }, word("wait"));
   // The sheet opens before its list is there, so that no key goes to what lies below.
-  sheet.replaceChildren(
+  renew(sheet,
     sheetHead(sheet, "results"), element("p", {}, word("results.long")),
     element("p", {}, mosaicButton("results")), list, ...sheets(), ...exporting());
   sheet.showModal();

@@ -1,5 +1,5 @@
 // A run that was begun on a page: a line for each stage, what is left of it, cancel and log.
-import { Question } from "./asked.js";
+import { Question, noticeRoom } from "./asked.js";
 import { again, all, byId, element, number, start, word } from "./words.js";
 
 const BUSY_MS = 700; // design: a run is watched closely, an idle page now and then
@@ -32,7 +32,7 @@ export function tell(said, grave = false, about = "") {
   const kind = `notice${grave ? " grave" : ""}`;
   const box = element("div", { class: kind, "data-about": about, onclick: () => box.remove() },
     again(said));
-  byId("notices").append(box);
+  noticeRoom().append(box);
   setTimeout(() => box.remove(), grave ? 30000 : 3500);
 }
 
@@ -106,9 +106,15 @@ export function setUpSettings(hinders = () => [], leave = () => {}) {
     const whys = [...new Set([...hinders(), ...run])];
     const before = asked;
     asked = whys.join();
+    // One that was clicked away, or is long gone, is asked anew.
+    const stands = all(`.notice[data-about="${button.id}"]`).length > 0;
+    if (!stands) question.show("");
     question.show(asked);
-    const answers = asked === before && question.isRead(performance.timeOrigin + timeStamp);
-    if (whys.length && !answers) return whys.forEach((why) => tell(why, true));
+    const read = stands && question.isRead(performance.timeOrigin + timeStamp);
+    if (whys.length && (asked !== before || !read)) {
+      settle(button.id);
+      return whys.forEach((why) => tell(why, true, button.id));
+    }
     // By this mark the page that follows knows whose doing it was.
     const mark = `${Math.random()}`;
     sessionStorage.setItem("gruber.leaving", mark);

@@ -1,6 +1,6 @@
 // Under Block quality: what readings say, the rules of the job, and who vouches for the block.
 import { between, element, moment, number, shortName, start, word } from "./words.js";
-import { Question, onceRead } from "./asked.js";
+import { Question, once, onceRead } from "./asked.js";
 import { send } from "./wire.js";
 
 const VERDICTS = ["accept", "accept-with-remarks", "reject"];
@@ -10,6 +10,8 @@ const state = {
   verdict: "", remark: "",
   /** Signatures that were there when one was asked for. */
   before: /** @type {number[] | null} */ (null),
+  /** True until the desk has answered. */
+  signing: false,
 };
 
 /** @param {string} name @param {(Node | string)[]} children */
@@ -50,10 +52,12 @@ export function signing({ signatures, judged }) {
       state.remark = /** @type {HTMLInputElement} */ (event.target).value;
     } });
   const sign = element("button", { id: "sign", disabled: start.guest || !state.verdict,
-    onclick: () => onceRead(() => {
+    onclick: once(() => onceRead(() => {
+      if (state.signing) return;
       state.before = ids;
-      send({ kind: "sign", verdict: state.verdict, remark: state.remark, judged });
-    }, question) }, word("sign"));
+      state.signing = send({ kind: "sign", verdict: state.verdict, remark: state.remark, judged },
+        () => { state.signing = false; });
+    }, question)) }, word("sign"));
   return part("sign.title", ...(lines.length ? lines
     : [element("p", { class: "muted" }, word("sign.none"))]),
   element("p", { class: "signing" }, select, remark, sign),
