@@ -76,6 +76,7 @@ def test_the_question_about_a_plan_is_in_sight_of_the_sheet_as_long_as_it_is_ask
 ) -> None:
     page = sit_down_as(sit_at(real_desk.desk.url, scene=False), "ada")
     open_checks(page)
+    known = len(real_desk.session.decisions())
     for no in ("Escape", "j", "k", "pointer"):
         page.keyboard.press("u")
         page.keyboard.press("u")  # before it is asked, and so no answer
@@ -94,7 +95,7 @@ def test_the_question_about_a_plan_is_in_sight_of_the_sheet_as_long_as_it_is_ask
     page.click("#checks-close")
     caught_up(page)
     assert page.evaluate("gruber.parts.queue.turning") is None
-    assert [is_plan(one) for one in real_desk.session.decisions()] == [True]
+    assert len(real_desk.session.decisions()) == known
 
 
 def test_marks_wait_for_whoever_looks_at_another_place_and_no_question_moves_the_pictures__law(

@@ -72,6 +72,7 @@ def test_a_list_comes_in_once_however_often_its_button_is_pressed__law(page, inp
     twice = "() => { for (const _ of [1, 2]) document.getElementById('points-bring').click(); }"
     page.evaluate(twice)
     page.wait_for_function("gruber.parts.rows.some(row => row[0] === 'MT1')")
+    page.wait_for_selector("#points", state="hidden")
     page.keyboard.press("u")
     page.wait_for_function("!gruber.parts.rows.some(row => row[0] === 'MT1')")
     page.click("#points-open")
