@@ -220,7 +220,6 @@ function sort(column) {
 }
 
 const typed = afterPause((/** @type {string} */ text) => sieve({ text }), TYPING_MS);
-
 // A row that is clicked before the hand has paused is chosen under the name that was typed.
 finishBefore(typed.now);
 
@@ -232,7 +231,8 @@ function sieve(change) {
   typed.now();
   const { queue } = state;
   if (!queue) return;
-  state.asked = { ...queue.filter, ...change };
+  // Sorted before, it is the row that is to be seen now.
+  Object.assign(state, { asked: { ...queue.filter, ...change }, sorted: false });
   send({ kind: "filter", ...state.asked });
   showQueue({});
 }
