@@ -1,6 +1,6 @@
 """Place a photo by clicks at the desk: the saved pairs are a decision."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,8 +50,7 @@ class DeskClicking(Clicking):
 
     def photos(self) -> dict[str, Any]:
         """All scans, with what was clicked in them, and their tiles as they are drawn now."""
-        with Session.open(self._folder, "") as session:
-            clicked = clicked_pairs(session.decisions())
+        clicked = self._clicked()
         told = super().photos()
         for scan in told["scans"]:
             name = scan["photo"]
@@ -60,17 +59,24 @@ class DeskClicking(Clicking):
                 scan |= {"pairs": [list(pair) for pair in clicked[name]], "why": ""}
         return {**told, "command": f"gruber run {self._folder}"}
 
+    def _clicked(self) -> Mapping[str, Sequence[Pair]]:
+        with Session.open(self._folder, "") as session:
+            return clicked_pairs(session.decisions())
+
     def save(self, photo_id: str, pairs: list[Pair], seat_id: str = "") -> dict[str, Any]:
-        """Hand in the decision; without pairs the photo goes back to its sources.
+        """Hand in the decision, if it is none yet; without pairs the photo goes back to its sources.
 
         Raises:
             ScanError: A single pair, or pairs at one place.
         """
         fit = self.checked(photo_id, pairs)
+        saved = {**fit, "saved": photo_id if pairs else ""}
+        if [*map(tuple, self._clicked().get(photo_id, ()))] == [*map(tuple, pairs)]:
+            return saved
         text = "notice.placed" if pairs else "notice.given-back"
         notice = Notice(text, {"scan": photo_id, "count": f"{len(pairs)}"})
         self._hand_in(Measured(seat_id, PlacePhoto(photo_id, tuple(pairs)), notice))
-        return {**fit, "saved": photo_id if pairs else ""}
+        return saved
 
     def world_file(self, photo_id: str, pairs: list[Pair], model: str) -> dict[str, Any]:
         """Write the transformation of the pairs as a world file into the results.

@@ -169,6 +169,7 @@ def test_a_notice_in_a_sheet_outlives_what_is_drawn_anew_and_the_sheet__law(page
     assert page.locator("#quality .notice").is_visible()
     page.keyboard.press("Escape")
     page.wait_for_selector("#quality", state="hidden")
+    page.wait_for_selector("body > #notices > .notice:has-text('Signed')")
     page.keyboard.press("b")
     page.wait_for_selector("#quality[open] #sign")
     page.keyboard.press("Escape")

@@ -66,6 +66,8 @@ export function setUpAsked(tell) {
   state.tell = tell;
   for (const type of ["pointerdown", "click", "close"]) {
     window.addEventListener(type, ({ target }) => {
+      // Notices in a sheet that is closed are to be seen all the same.
+      if (type === "close") noticeRoom();
       const own = target instanceof Element
         && target.closest("#turning, #asked.turning, [data-act=undo]");
       if (!own) dropTurning();

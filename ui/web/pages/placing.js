@@ -194,11 +194,10 @@ async function save() {
   const seat = encodeURIComponent(asked.get("seat") ?? "");
   const address = `/points/${encodeURIComponent(scan.photo)}?seat=${seat}`;
   const sent = JSON.stringify(scan.pairs);
-  if (state.saving) return;
-  if (kept.get(scan.photo) === sent) return tell(word("placing.was"));
+  if (state.saving) return tell(word("notice.ahead"));
   state.saving = true;
-  const answer = await post(address, { pairs: scan.pairs })
-    .finally(() => { state.saving = false; });
+  const answer = await post(address, { pairs: scan.pairs });
+  state.saving = false;
   if (!answer.ok) return tell(answer.error, true);
   const { saved: file } = answer;
   if (file) kept.set(scan.photo, sent);
@@ -206,8 +205,10 @@ async function save() {
   keepUnsaved(state.scans, kept);
   const said = desk ? ["placing.decided", "placing.given-back"]
     : ["placing.saved", "placing.removed"];
-  state.saved = word(said[file ? 0 : 1], { file });
-  tell(state.saved);
+  const told = word(said[file ? 0 : 1], { file });
+  // What a hand has moved since, and another scan, are not what was saved.
+  if (state.scan === scan && JSON.stringify(scan.pairs) === sent) state.saved = told;
+  tell(told);
   show();
 }
 

@@ -15,7 +15,9 @@ export const runNow = () => state.run;
 /** @param {string} address @param {unknown} body */
 export async function post(address, body = {}) {
   const headers = { "content-type": "application/json" };
-  const answer = await fetch(address, { method: "POST", body: JSON.stringify(body), headers });
+  const answer = await fetch(address, { method: "POST", body: JSON.stringify(body), headers })
+    .catch(() => null);
+  if (!answer) return { ok: false, error: word("notice.wire") };
   settle(address);
   const isJson = answer.headers.get("content-type")?.includes("json");
   if (isJson) return { ok: answer.ok, ...(await answer.json()) };
@@ -107,7 +109,8 @@ export function setUpSettings(hinders = () => [], leave = () => {}) {
     const before = asked;
     asked = whys.join();
     // One that was clicked away, or is long gone, is asked anew.
-    const stands = all(`.notice[data-about="${button.id}"]`).length > 0;
+    const notices = all(`.notice[data-about="${button.id}"]`);
+    const stands = notices.some((one) => one.checkVisibility());
     if (!stands) question.show("");
     question.show(asked);
     const read = stands && question.isRead(performance.timeOrigin + timeStamp);

@@ -37,7 +37,7 @@ export function signing({ signatures, judged }) {
     word("signed.outdated"), " ",
     one.changed.map((name) => word(`signed.part.${name}`)).join(between())) : "", " ",
   element("button", { class: "small", disabled: start.guest,
-    onclick: () => send({ kind: "back", decision: one.id }) }, word("history.back"))));
+    onclick: once(() => send({ kind: "back", decision: one.id })) }, word("history.back"))));
   const select = element("select", { id: "sign-verdict", "aria-label": word("sign.verdict"),
     disabled: start.guest, onchange: (/** @type {Event} */ event) => {
       state.verdict = /** @type {HTMLSelectElement} */ (event.target).value;
