@@ -50,7 +50,7 @@ class DeskClicking(Clicking):
 
     def photos(self) -> dict[str, Any]:
         """All scans, with what was clicked in them, and their tiles as they are drawn now."""
-        clicked = self._clicked()
+        clicked = self._decided()
         told = super().photos()
         for scan in told["scans"]:
             name = scan["photo"]
@@ -59,19 +59,19 @@ class DeskClicking(Clicking):
                 scan |= {"pairs": [list(pair) for pair in clicked[name]], "why": ""}
         return {**told, "command": f"gruber run {self._folder}"}
 
-    def _clicked(self) -> Mapping[str, Sequence[Pair]]:
+    def _decided(self) -> Mapping[str, Sequence[Pair]]:
         with Session.open(self._folder, "") as session:
             return clicked_pairs(session.decisions())
 
     def save(self, photo_id: str, pairs: list[Pair], seat_id: str = "") -> dict[str, Any]:
-        """Hand in the decision, if it is none yet; without pairs the photo goes back to its sources.
+        """Hand in a new decision; without pairs the photo goes back to its sources.
 
         Raises:
             ScanError: A single pair, or pairs at one place.
         """
         fit = self.checked(photo_id, pairs)
         saved = {**fit, "saved": photo_id if pairs else ""}
-        if [*map(tuple, self._clicked().get(photo_id, ()))] == [*map(tuple, pairs)]:
+        if pairs and [*map(tuple, self._decided().get(photo_id, ()))] == [*map(tuple, pairs)]:
             return saved
         text = "notice.placed" if pairs else "notice.given-back"
         notice = Notice(text, {"scan": photo_id, "count": f"{len(pairs)}"})

@@ -20,6 +20,7 @@ from core.scans.film_area import FilmArea
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.stage import ScanSet
 from sessions.decisions import PlacePhoto
+from sessions.session import Session
 from tests.tiny import Tiny
 from ui.web.tiles import ScanTiles
 
@@ -64,6 +65,11 @@ def test_what_is_saved_is_handed_in_as_a_decision__law(
     assert not list((tmp_path / "scans").iterdir())
     with pytest.raises(ScanError):
         clicking.save("A", pairs(1), "seat")
+    assert len(handed) == 2
+    # What stands already is no decision more.
+    with Session.open(tmp_path, "anna") as session:
+        session.record(PlacePhoto("A", tuple(pairs(3))))
+    assert clicking.save("A", pairs(3), "seat")["saved"] == "A"
     assert len(handed) == 2
 
 
