@@ -38,9 +38,13 @@ export const now = () => performance.timeOrigin + performance.now();
 /** When the last key or button was pressed: a busy page answers it later. */
 export const pressedAt = () => hand.pressed;
 
+/** When something was pressed, by the clock of `now`. @param {UIEvent} event */
+export const timeOf = ({ timeStamp, view }) =>
+  (view ?? window).performance.timeOrigin + timeStamp;
+
 /** @param {UIEvent} event */
-function noteWhen({ timeStamp, view }) {
-  hand.pressed = (view ?? window).performance.timeOrigin + timeStamp;
+function noteWhen(event) {
+  hand.pressed = timeOf(event);
 }
 
 /**

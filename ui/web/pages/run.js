@@ -1,5 +1,6 @@
 // A run that was begun on a page: a line for each stage, what is left of it, cancel and log.
 import { Question, noticeRoom } from "./asked.js";
+import { timeOf } from "./keys.js";
 import { again, all, byId, element, number, start, word } from "./words.js";
 
 const BUSY_MS = 700; // design: a run is watched closely, an idle page now and then
@@ -103,7 +104,7 @@ export function setUpSettings(hinders = () => [], leave = () => {}) {
   const question = new Question();
   let asked = "";
   button.title = word("settings.tip");
-  button.addEventListener("click", async ({ timeStamp }) => {
+  button.addEventListener("click", async (press) => {
     const run = await isRunning() ? [word("settings.stop")] : [];
     const whys = [...new Set([...hinders(), ...run])];
     const before = asked;
@@ -113,7 +114,7 @@ export function setUpSettings(hinders = () => [], leave = () => {}) {
     const stands = notices.some((one) => one.checkVisibility());
     if (!stands) question.show("");
     question.show(asked);
-    const read = stands && question.isRead(performance.timeOrigin + timeStamp);
+    const read = stands && question.isRead(timeOf(press));
     if (whys.length && (asked !== before || !read)) {
       settle(button.id);
       return whys.forEach((why) => tell(why, true, button.id));

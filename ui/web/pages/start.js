@@ -6,6 +6,7 @@ import { beginRun, cancelButton, isRunning, lookAgain, post, runLines, runNow, s
 import { dropWritten, fillFields, formSeen, formShown, formValues, formWritten, goToField,
   recallWritten, showForm } from "./start_form.js";
 import { question } from "./asked.js";
+import { timeOf } from "./keys.js";
 import { drawMap, setUpFilm, showScans } from "./start_film.js";
 import { afterPause } from "./view.js";
 import { nextTheme, setUpTheme } from "./theme.js";
@@ -392,11 +393,11 @@ const doubted = (checks) => checks.filter(([, name]) => ASKED.includes(name))
  * What takes a second is looked at first; what is doubtful is asked about once.
  * @param {MouseEvent} press
  */
-async function run({ timeStamp }) {
+async function run(press) {
   const { found } = state;
   if (!await save() || state.found?.checks.some(([grave]) => grave)) return;
   const doubts = doubted(state.found?.checks ?? []);
-  const answers = doubts === state.asked && question.isRead(performance.timeOrigin + timeStamp);
+  const answers = doubts === state.asked && question.isRead(timeOf(press));
   state.asked = doubts;
   question.show(doubts);
   if (doubts && !answers) {
