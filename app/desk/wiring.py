@@ -6,6 +6,7 @@ import secrets
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
 from typing import Any
@@ -167,7 +168,11 @@ def _draped(
 ) -> bytes:
     """The drape; the small ortho it is made of serves for coarse tiles from then on."""
     coarse.prepare()
-    return terrain_glb(coarse, desk.dem, bounds, desk.block.origin, desk.terrain)
+    # A little finer, and the files would be read once more.
+    longer = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
+    most = int(longer / coarse.grid.ground_sample_distance_m)
+    options = replace(desk.terrain, texture_px=min(desk.terrain.texture_px, most))
+    return terrain_glb(coarse, desk.dem, bounds, desk.block.origin, options)
 
 
 class _Illustrator:

@@ -81,7 +81,8 @@ class Ortho:
 
     def read_colour(self, grid: Grid) -> UInt8[np.ndarray, "rows columns 3"]:
         """Red, green and blue on a grid, for showing: overviews are used; black where none."""
-        sampled = read_onto(self.sheets, grid, ReadOptions("colour", exact_to=COARSE_TO))
+        options = ReadOptions("colour", exact_to=COARSE_TO, over_joins=False)
+        sampled = read_onto(self.sheets, grid, options)
         mask = sampled.coverage >= LEAST_COVERAGE
         values = np.where(mask, np.clip(np.rint(sampled.values), 0, 255), 0)
         return np.ascontiguousarray(np.moveaxis(values, 0, -1)).astype(np.uint8)

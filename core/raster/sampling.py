@@ -71,6 +71,8 @@ class ReadOptions:
     """Interpolation between pixels."""
     exact_to: int = EXACT_TO
     """Reductions up to this read every original pixel; beyond it overviews may serve."""
+    over_joins: bool = True
+    """Whether kernels reach over the rim of one lattice into the next, or each ends at its own."""
 
 
 def read_kept(sheets: SheetSet, grid: Grid, options: ReadOptions) -> Sampled:
@@ -171,7 +173,7 @@ def _read_north_up(
     cells = read_cells(lattice, window, options.content, exact)
     if not cells.weight.any():
         return None
-    if lattice.square and cells.weight.min() < 1:
+    if options.over_joins and lattice.square and cells.weight.min() < 1:
         west, top = c + window.column * size * a, f + window.row * size * e
         place = Grid(float(west), float(top), float(a * size), window.columns, window.rows)
         cells = _continue_cells(cells, coarser, place, options)

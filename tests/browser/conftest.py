@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from app.check_plan import PlanWish, draw_plan
 from app.desk.inputs import desk_inputs as run_inputs
 from app.desk.wiring import OpenDesk, open_desk
 from app.project import read_project
@@ -104,6 +105,20 @@ def run_folder(tiny_run, tmp_path):
     yield tiny_run.folder
     shutil.rmtree(tiny_run.folder)
     shutil.move(tmp_path / "kept", tiny_run.folder)
+
+
+@pytest.fixture(scope="session")
+def drawn_plan(tiny_run):
+    """Places to be checked on the block that was run; drawing them takes seconds."""
+    with Session.open(tiny_run.folder, "ada") as session:
+        return draw_plan(read_project(tiny_run.folder), session, PlanWish()).plan
+
+
+@pytest.fixture
+def planned(drawn_plan, run_folder):
+    """A plan recorded before the desk is opened."""
+    with Session.open(run_folder, "ada") as session:
+        session.record(drawn_plan)
 
 
 @pytest.fixture

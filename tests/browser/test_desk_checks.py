@@ -7,13 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.check_plan import PlanWish, plan_checks
 from app.desk import planning
-from app.project import read_project
 from sessions.checks import checked_figures, standing_plans, version_on_disk
 from sessions.decisions import Place, PlanChecks, ReadCheck, Recorded, SignBlock
 from sessions.remarks import standing_faults
-from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, RealDesk
 from tests.browser.hands import (
     caught_up,
@@ -29,13 +26,6 @@ from tests.browser.hands import (
 Sit = Callable[..., Any]
 BIAS_M = np.array([1.2, -0.8])
 PLACES = 4
-
-
-@pytest.fixture
-def planned(run_folder: Any) -> None:
-    """A plan drawn before the desk is opened."""
-    with Session.open(run_folder, "ada") as session:
-        plan_checks(read_project(run_folder), session, PlanWish())
 
 
 def draw_for_ever(*given: Any) -> None:

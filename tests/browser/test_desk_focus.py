@@ -5,10 +5,7 @@ from typing import Any
 
 import pytest
 
-from app.check_plan import PlanWish, plan_checks
-from app.project import read_project
 from sessions.decisions import ReadCheck
-from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, RealDesk, toured
 from tests.browser.hands import accept, caught_up, settled, unfold
 from ui.words.catalogue import words
@@ -61,13 +58,6 @@ SHEETS = {
     "mosaic": "Shift+O", "checks": "Shift+B", "results": "#results-open",
     "points": "#points-open", "naming": "#who", "help": "h",
 }  # fmt: skip
-
-
-@pytest.fixture
-def planned(run_folder: Any) -> None:
-    """Places to be checked, drawn before the desk is opened."""
-    with Session.open(run_folder, "ada") as session:
-        plan_checks(read_project(run_folder), session, PlanWish())
 
 
 @pytest.fixture
