@@ -54,9 +54,10 @@ class DrawnMask:
 
     def over(self, area: Area, hides: bool) -> "DrawnMask":
         """The same with one more drawn over it."""
-        if hides:
-            return DrawnMask(self.hidden | area, self.freed - area)
-        return DrawnMask(self.hidden - area, self.freed | area)
+        more, less = (self.hidden, self.freed) if hides else (self.freed, self.hidden)
+        # Of a sliver a line may be left, and GEOS lays nothing over lines and areas together.
+        more, less = (shapely.MultiPolygon(outlines(one)) for one in (more | area, less - area))
+        return DrawnMask(more, less) if hides else DrawnMask(less, more)
 
     def hides(self, pixels: PixelPoints) -> Flags:
         """Which pixels of the scan lie in what was hidden."""
