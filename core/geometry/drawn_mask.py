@@ -17,6 +17,10 @@ Area = BaseGeometry
 STEP_SHARE = 0.01
 """Longest side of an outline that is carried from film to scan, as a share of its extent."""
 
+# design: far less than is drawn; without a grid GEOS now and then takes a sliver for an area.
+GRID_PX = 1e-3
+"""Corners of a mask lie on multiples of this, pixels of the scan."""
+
 
 @dataclass(frozen=True, slots=True)
 class Stroke:
@@ -55,8 +59,10 @@ class DrawnMask:
     def over(self, area: Area, hides: bool) -> "DrawnMask":
         """The same with one more drawn over it."""
         more, less = (self.hidden, self.freed) if hides else (self.freed, self.hidden)
-        # Of a sliver a line may be left, and GEOS lays nothing over lines and areas together.
-        more, less = (shapely.MultiPolygon(outlines(one)) for one in (more | area, less - area))
+        more = shapely.union(more, area, grid_size=GRID_PX)
+        less = shapely.difference(less, area, grid_size=GRID_PX)
+        # Over lines that slivers end as, GEOS lays nothing more.
+        more, less = (shapely.MultiPolygon(outlines(one)) for one in (more, less))
         return DrawnMask(more, less) if hides else DrawnMask(less, more)
 
     def hides(self, pixels: PixelPoints) -> Flags:
