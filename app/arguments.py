@@ -240,7 +240,7 @@ def add_address(verb: Parser) -> None:
 def add_operator(verb: Parser) -> None:
     """Who decides."""
     name = "name under which decisions are recorded (%(default)s)"
-    verb.add_option("--operator NAME", name, default=Settings().operator)
+    verb.add_option("--operator NAME", name, default=Settings().operator, type=operator_name)
 
 
 def add_language(parsed: Parser, default: str) -> None:
@@ -300,11 +300,18 @@ def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
     return number
 
 
+def operator_name(text: str) -> str:
+    """A name, without blanks about it."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("must be a name: decisions are recorded under it")
+    return text.strip()
+
+
 def grid_size(text: str) -> tuple[int, int]:
     """Columns and rows of a grid, such as 6x5."""
     parts = text.lower().split("x")
     if len(parts) != 2 or not all(part.isdecimal() and 1 <= int(part) <= 99 for part in parts):
-        raise argparse.ArgumentTypeError(f"must be like 6x5, not {text}")
+        raise argparse.ArgumentTypeError(f"must be like 6x5, at most 99x99, not {text}")
     return int(parts[0]), int(parts[1])
 
 

@@ -186,6 +186,13 @@ def checked_figures(
     return reading_figures(readings, plan.plan.count, len(tried - read))
 
 
+def replaced_readings(decisions: Sequence[Recorded], version: str) -> int:
+    """Places read in a mosaic for plans that a newer one took the place of."""
+    return sum(
+        checked_figures(decisions, plan, version).read for plan in standing_plans(decisions)[:-1]
+    )
+
+
 def outdated_readings(decisions: Sequence[Recorded], plan: StandingPlan, version: str) -> int:
     """How many readings of a plan are of another mosaic than the one on disk."""
     places = {place.place_id for place in plan.plan.places}

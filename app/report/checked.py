@@ -29,6 +29,7 @@ from sessions.checks import (
     judged_parts,
     outdated_readings,
     readings_of,
+    replaced_readings,
     standing_plans,
     standing_signatures,
 )
@@ -133,7 +134,8 @@ def checked_by_hand(
     reference_m = float(2**0.5) * predicted.ortho_sigma_m
     foretold = compare_with_prediction(figures, relative, reference_m, freedom)
     limit = release_limit_m(report.block)
-    return Checked(figures, foretold, tuple(reading_findings(figures, limit, foretold)))
+    replaced = replaced_readings(decisions, version)
+    return Checked(figures, foretold, tuple(reading_findings(figures, limit, foretold, replaced)))
 
 
 def _places_read(

@@ -305,6 +305,26 @@ def _either(value: str, *kinds: str) -> dict[str, str]:
 NONE, PLAIN, COUNT = "report.value.none", "report.value.plain", "report.value.count"
 REQUIREMENTS = (
     _Requirement(
+        "report.want.read", "report.limit.least",
+        _either("report.value.read", "read", "read-few"),
+    ),
+    _Requirement(
+        "report.want.read-position", "report.limit.metres",
+        _either("report.value.interval", "read-within", "read-over"),
+    ),
+    _Requirement(
+        "report.want.shift", "report.limit.chance",
+        _either("report.value.shift", "read-shifted", "read-unshifted"),
+    ),
+    _Requirement(
+        "report.want.second", "report.limit.least",
+        {**_either("report.value.doubled", "second", "second-few"), "second-none": NONE},
+    ),
+    _Requirement(
+        "report.want.prediction", "report.limit.range",
+        _either("report.value.ratio", "read-as-predicted", "read-worse", "read-better"),
+    ),
+    _Requirement(
         "report.want.against", "report.limit.none",
         {
             **_either("report.value.against", "contradicted", "contradicted-far"),
@@ -369,6 +389,10 @@ REQUIREMENTS = (
     ),
     _Requirement(
         "report.want.misfit", "report.limit.none", {"misfit-places": "report.value.misfit"}
+    ),
+    _Requirement(
+        "report.want.faults", "report.limit.none-open",
+        _either("report.value.open", "faults", "faults-open"),
     ),
 )  # fmt: skip
 

@@ -4,7 +4,7 @@ All differences are product minus reference, easting and northing, metres. Names
 report on the Czech orthophoto (tables 5 to 8): c the mean, m the root mean square about nought, m_p
 both axes together.
 
-Limits stand where findings are made (`core.quality.rules`, `core.quality.reading_rules`). Here
+Limits stand where findings are made (here and in `core.quality.rules`). Here
 every rule has the findings that tell of it and its source, and is judged by itself.
 """
 
@@ -213,7 +213,7 @@ ASPRS, INSTRUCTION, SURVEY, ORTHOPHOTO, GRUBER = (
     "gruber",
 )
 RULES: tuple[Rule, ...] = (
-    Rule("read", ("read", "read-few"), ASPRS),
+    Rule("read", ("read", "read-few", "read-replaced"), ASPRS),
     Rule("position", ("read-within", "read-over", "predicted"), GRUBER),
     Rule("shift", ("read-shifted", "read-unshifted"), ORTHOPHOTO),
     Rule("second", ("second", "second-few", "second-none"), ORTHOPHOTO),
@@ -422,7 +422,7 @@ def _pair(values: Float64[np.ndarray, "2"]) -> Pair:
 
 
 def reading_findings(
-    found: ReadingFigures, limit_m: float, foretold: Foretold | None = None
+    found: ReadingFigures, limit_m: float, foretold: Foretold | None = None, replaced: int = 0
 ) -> Iterator[Finding]:
     """Whether enough was read, how good the mosaic is, and whether that was predicted.
 
@@ -430,7 +430,11 @@ def reading_findings(
         found: The readings of the plan that is read now.
         limit_m: Position error on the ground up to which a block is released, metres.
         foretold: What was predicted; None where that is not known.
+        replaced: Places that were read for earlier plans: whoever dislikes what is read may not
+            silently plan anew.
     """
+    if replaced:
+        yield Finding("read-replaced", DOUBTFUL, {"count": str(replaced)})
     told = {
         "read": str(found.read),
         "planned": str(found.planned),

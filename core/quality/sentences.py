@@ -96,6 +96,8 @@ SENTENCES = {
     "{count}; the worst by {metres} m, about E {east} N {north}.",
     "read": "Places of the plan that were read: {read} of {planned} (not identifiable: "
     "{unreadable}).",
+    "read-replaced": "A newer plan took the place of one that was read; places whose readings no "
+    "longer count: {count}.",
     "read-few": "Places of the plan that were read: {read} of {planned} (not identifiable: "
     "{unreadable}); the standard asks for {least}.",
     "read-within": "Readings of the mosaic: m_p {value} m ({low} to {high} m), within {limit} m.",

@@ -296,7 +296,7 @@ def is_told(folder: Path, kind: str, corner: str) -> bool:
     with Session.open(folder, "prover") as session:
         adjusted = session.products.latest_value("adjustment")
     checks = independent_checks(adjusted)
-    kinds = {one["kind"] for one in report["findings"]}
+    kinds = {one["kind"] for one in report["verdict"]}
     say(
         f"Shifted by {np.hypot(*SHIFT_M):.2f} m: {checks.count} independent points "
         f"{checks.fit_plan_m:.2f} m off, {checks.ratio:.1f} times what is predicted; "

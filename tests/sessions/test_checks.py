@@ -14,10 +14,20 @@ from sessions.checks import (
     judged_parts,
     new_plan,
     readings_of,
+    replaced_readings,
     standing_plans,
     standing_signatures,
 )
-from sessions.decisions import Accept, PlanChecks, ReadCheck, Recorded, Reject, SignBlock, changing
+from sessions.decisions import (
+    Accept,
+    PlanChecks,
+    ReadCheck,
+    Recorded,
+    Reject,
+    SignBlock,
+    Withdraw,
+    changing,
+)
 from sessions.replay import replay
 from sessions.session import Session
 from tests.flights import FlightPlan, fly
@@ -60,6 +70,21 @@ def test_plans_drawn_at_the_same_time_have_numbers_of_their_own__law(tmp_path: P
     assert plans == [drawn[0], later]
     assert [place.place_id for place in later.places] == ["2-01", "2-02"]
     assert later.digest == digest_of_plan(later)
+
+
+def test_readings_of_a_plan_that_another_replaced_are_counted_until_it_is_withdrawn__law(
+    tmp_path: Path,
+) -> None:
+    """A new plan silently made readings that nobody liked disappear from the verdict."""
+    with Session.open(tmp_path, "ada") as session:
+        first = session.record(plan(session))
+        session.record(ReadCheck("1-01", (11.0, 20.0), (10.0, 20.0), "m1"))
+        assert replaced_readings(session.decisions(), "m1") == 0
+        session.record(plan(session, seed=2))
+        assert replaced_readings(session.decisions(), "m1") == 1
+        assert replaced_readings(session.decisions(), "m2") == 0, "of a mosaic that is no more"
+        session.record(Withdraw(first.decision_id))
+        assert replaced_readings(session.decisions(), "m1") == 0
 
 
 def test_a_plan_without_spares_has_the_digest_that_it_had_before_there_were_any__law() -> None:

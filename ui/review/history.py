@@ -174,7 +174,7 @@ def subject_of(decision: Decision) -> str:
             return points[0].point_id + rest if points else ""
         case PlanChecks():
             return decision.number
-        case ReadCheck(place_id=name) | SignBlock(verdict=name):
+        case ReadCheck(place_id=name):
             return name
         case Remark(words=words):
             return words
@@ -399,6 +399,19 @@ def shifts_m(one: AdjustmentRecord, other: AdjustmentRecord) -> dict[str, float]
         for name, (photo, camera) in other.photos.items()
         if name in one.photos
     }
+
+
+def vouched_by_another(decision_id: int, recorded: Sequence[Recorded], operator: str) -> str:
+    """Whose signature or fault a decision is, where not the operator's own; empty else.
+
+    Others sign otherwise, or close the fault: what somebody vouched for stays theirs.
+    """
+    item = next((one for one in recorded if one.decision_id == decision_id), None)
+    if item is None or item.who == operator:
+        return ""
+    said = item.decision
+    own = isinstance(said, SignBlock) or (isinstance(said, Remark) and bool(said.fault))
+    return item.who if own else ""
 
 
 def taken_back(decision_id: int, recorded: Sequence[Recorded], again: bool) -> tuple[Withdraw, ...]:

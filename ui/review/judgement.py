@@ -10,7 +10,7 @@ from core.mosaic.fault_places import misfit_findings
 from core.quality.assessment import BlockQuality, assess_block
 from core.quality.readings import ReadingFigures, reading_findings
 from core.quality.rules import Finding, judge_block, release_limit_m
-from sessions.checks import checked_figures, standing_plans
+from sessions.checks import checked_figures, replaced_readings, standing_plans
 from sessions.decisions import Recorded
 from sessions.remarks import fault_findings, standing_faults
 from ui.review.scene import EDGE_PARTS, Segments
@@ -37,9 +37,11 @@ def judge_desk(desk: DeskSnapshot) -> BlockJudgement:
     report = desk.state.report
     polygons = footprint_polygons(desk.state, desk.outlines)
     measured = assess_block(report, polygons)
-    read = read_figures(desk.recorded, desk.mosaic_version)
+    version = desk.mosaic_version
+    read = read_figures(desk.recorded, version)
+    limit, replaced = release_limit_m(report.block), replaced_readings(desk.recorded, version)
     found = (
-        *(() if read is None else reading_findings(read, release_limit_m(report.block))),
+        *(() if read is None else reading_findings(read, limit, replaced=replaced)),
         *(() if desk.state.mosaic is None else misfit_findings(desk.state.mosaic.misfit)),
         *fault_findings(standing_faults(desk.recorded)),
         *judge_block(measured, report, desk.state.holes),

@@ -67,6 +67,9 @@ def test_the_page_shows_readings_rules_and_the_signature__truth(
         assert words in page
         assert 'id="readings"' in page
         assert f"the &lt;b&gt;south&lt;/b&gt;{closes}" in page
+        # The first page, too: it told what is predicted and not what was read.
+        for name in ("read", "read-position", "shift", "second"):
+            assert Teller(language)(f"report.want.{name}") in page
     figures = json.loads(told.read_text(encoding="utf-8"))
     (signature,) = figures["checked"]["signatures"]
     assert signature["holds"]

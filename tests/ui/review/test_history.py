@@ -23,6 +23,7 @@ from sessions.decisions import (
     Reject,
     Remark,
     SetRole,
+    SignBlock,
     Withdraw,
 )
 from sessions.session import Session
@@ -38,6 +39,7 @@ from ui.review.history import (
     touched_by,
     turn_back,
     turn_notice,
+    vouched_by_another,
     with_adjustment,
 )
 from ui.review.state import NO_EXTRA, Draft, Seat
@@ -274,3 +276,14 @@ def test_a_new_name_keeps_the_own_decisions_within_reach_of_undo__law(tmp_path):
         assert turn_back(session, "undo", seat, made, present)[0] == ()
         (redone,), _ = turn_back(session, "redo", seat, made, present)
     assert redone.decision == Withdraw(3)
+
+
+def test_signatures_and_faults_are_withdrawn_by_those_whose_they_are__law():
+    """One click of anybody took them away, and the report did not say by whom."""
+    said = [
+        SignBlock("reject", "", {}), Remark("place", "", "dark", (1.0, 2.0), "tone"),
+        Remark("place", "", "a church", (1.0, 2.0)), Accept("A", "one"),
+    ]  # fmt: skip
+    recorded = [Recorded(n, "2026-11-27T10:00:00", "bob", one) for n, one in enumerate(said, 1)]
+    assert [vouched_by_another(n, recorded, "eve") for n in range(1, 6)] == ["bob"] * 2 + [""] * 3
+    assert not any(vouched_by_another(n, recorded, "bob") for n in range(1, 6))

@@ -2,6 +2,7 @@
 import { once } from "./asked.js";
 import { halo, text } from "./overlay.js";
 import { byId, element, moment, shortName, start, word } from "./words.js";
+import { isOwn } from "./people.js";
 import { send } from "./wire.js";
 
 const KINDS = ["double", "smear", "cloud", "cut", "tone", "shift", "other"];
@@ -103,8 +104,8 @@ function thread({ id, open, said }) {
     }) }, word("fault.answer")),
     element("button", { id: "fault-turn", disabled: start.guest,
       onclick: once(() => answer(open)) }, word(turn)),
-    element("button", { id: "fault-back", disabled: start.guest, title: word("history.back.tip"),
-      onclick: () => send({ kind: "back", decision: id }) }, word("history.back"))));
+    ...isOwn(said[0]) ? [element("button", { id: "fault-back", title: word("history.back.tip"),
+      onclick: () => send({ kind: "back", decision: id }) }, word("history.back"))] : []));
 }
 
 /**

@@ -26,6 +26,9 @@ function askName() {
   byId("naming").showModal();
 }
 
+/** Whether somebody is the one who sits here. @param {{ who: string }} said */
+export const isOwn = ({ who }) => !start.guest && who === byId("who").dataset.name;
+
 function takeName() {
   const name = byId("name-field").value.trim();
   if (!name) return;

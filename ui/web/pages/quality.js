@@ -167,9 +167,9 @@ const LEADS = {
   "inside-few-plan": toControl, "inside-few-heights": toControl,
   systematic: () => scrollTo("[data-map=pattern]"),
   "class-large": toPhotos,
-  "no-checks": toReadings, "read-few": toReadings, "read-over": toReadings,
-  "read-shifted": toReadings, "read-worse": toReadings, "second-few": toReadings,
-  "second-none": toReadings,
+  "no-checks": toReadings, "read-few": toReadings, "read-replaced": toReadings,
+  "read-over": toReadings, "read-shifted": toReadings, "read-worse": toReadings,
+  "second-few": toReadings, "second-none": toReadings,
 };
 
 /**

@@ -1,6 +1,7 @@
 // Under Block quality: what readings say, the rules of the job, and who vouches for the block.
 import { between, element, moment, number, shortName, start, word } from "./words.js";
 import { Question, once, onceRead } from "./asked.js";
+import { isOwn } from "./people.js";
 import { send } from "./wire.js";
 
 const VERDICTS = ["accept", "accept-with-remarks", "reject"];
@@ -36,8 +37,8 @@ export function signing({ signatures, judged }) {
   one.changed.length ? element("span", { class: "outdated" }, " \u00b7 ",
     word("signed.outdated"), " ",
     one.changed.map((name) => word(`signed.part.${name}`)).join(between())) : "", " ",
-  element("button", { class: "small", disabled: start.guest,
-    onclick: once(() => send({ kind: "back", decision: one.id })) }, word("history.back"))));
+  ...isOwn(one) ? [element("button", { class: "small",
+    onclick: once(() => send({ kind: "back", decision: one.id })) }, word("history.back"))] : []));
   const select = element("select", { id: "sign-verdict", "aria-label": word("sign.verdict"),
     disabled: start.guest, onchange: (/** @type {Event} */ event) => {
       state.verdict = /** @type {HTMLSelectElement} */ (event.target).value;
