@@ -44,6 +44,7 @@ from core.localisation.stage import Localised
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference, level_of, open_reference
 from core.progress import SILENT, Part, Progress
+from core.quality.rules import ground_variances, relative_sigma_m
 from core.raster.ortho import Ortho
 from core.raster.scan_file import ScanFile, ScanFiles
 from core.results import BlockInput
@@ -328,6 +329,8 @@ class Adjusting:
             covariances,
             measuring_gains(influence, wanted, len(report.checks)),
             JointErrors(influence, report.unit),
+            influence,
+            relative_sigma_m(ground_variances(report, influence)),
         )
 
     def choose(self, cameras: bool, robust: bool) -> tuple[bool, bool]:

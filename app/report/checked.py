@@ -2,26 +2,18 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
-from jaxtyping import Float64
 
 from app.report.tables import Cell
 from core.adjustment.adjusted import AdjustmentReport
-from core.adjustment.influence import Influence
-from core.mosaic.misfit import photos_shown
-from core.mosaic.seams import Seam
 from core.quality.readings import (
     Foretold,
     PlanFigures,
     ReadingFigures,
-    compare_with_prediction,
     judge_rules,
-    reading_findings,
 )
-from core.quality.rules import Finding, release_limit_m
+from core.quality.rules import Finding
+from sessions.checked import Checked
 from sessions.checks import (
     StandingPlan,
     checked_figures,
@@ -29,7 +21,6 @@ from sessions.checks import (
     judged_parts,
     outdated_readings,
     readings_of,
-    replaced_readings,
     standing_plans,
     standing_signatures,
 )
@@ -42,46 +33,6 @@ Figures = dict[str, Any]
 
 REMARKS = "remarks.csv"
 REMARK_COLUMNS = "number,when,who,subject,name,X,Y,fault,words,assigned,state"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Checked:
-    """Readings of the plan that is read now, and what they come to."""
-
-    figures: ReadingFigures
-    """The figures."""
-    foretold: Foretold
-    """What was predicted of them."""
-    findings: tuple[Finding, ...]
-    """What follows."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Predicted:
-    """What the adjustment lets expect of readings."""
-
-    relative_m: float | None
-    """RMS in plan of the block relative to the reference, metres; None: not known."""
-    ortho_sigma_m: float
-    """Standard deviation of the reference per axis, metres."""
-    influence: Influence | None
-    """Equations of the adjusted block; None: not known."""
-    seams: Sequence[Seam]
-    """Which photo the mosaic shows where."""
-
-    def freedom_at(self, places: Float64[np.ndarray, "n 2"]) -> float:
-        """So many independent errors the orientation is worth at places; NaN where not known."""
-        if self.influence is None:
-            return float("nan")
-        photos = self.influence.block.photos
-        shown = zip(photos_shown(places, self.seams), places.tolist(), strict=True)
-        return self.influence.ground_freedom(
-            [
-                (name, np.array([east, north, photos[name].ground_height_m]))
-                for name, (east, north) in shown
-                if name in photos
-            ]
-        )
 
 
 KINDS = {
@@ -109,46 +60,6 @@ KINDS = {
     "Remark": "remarks",
 }
 """What each kind of decision is counted as."""
-
-
-def checked_by_hand(
-    report: AdjustmentReport,
-    decisions: Sequence[Recorded],
-    version: str,
-    predicted: Predicted,
-) -> Checked | None:
-    """What readings say of a mosaic; None without a plan.
-
-    Args:
-        report: The adjustment.
-        decisions: Everything recorded.
-        version: Of the mosaic; empty where there is none.
-        predicted: What they are compared with.
-    """
-    plans = standing_plans(decisions)
-    if not plans:
-        return None
-    figures = checked_figures(decisions, plans[-1], version)
-    relative = float("nan") if predicted.relative_m is None else predicted.relative_m
-    freedom = predicted.freedom_at(_places_read(decisions, plans[-1], version))
-    reference_m = float(2**0.5) * predicted.ortho_sigma_m
-    foretold = compare_with_prediction(figures, relative, reference_m, freedom)
-    limit = release_limit_m(report.block)
-    replaced = replaced_readings(decisions, version)
-    return Checked(figures, foretold, tuple(reading_findings(figures, limit, foretold, replaced)))
-
-
-def _places_read(
-    decisions: Sequence[Recorded], plan: StandingPlan, version: str
-) -> Float64[np.ndarray, "n 2"]:
-    """Places of a plan that somebody read in a mosaic, metres."""
-    read = {
-        place_id
-        for (place_id, _), (_, one) in readings_of(decisions).items()
-        if one.version == version and one.mosaic is not None
-    }
-    places = [(one.east, one.north) for one in plan.plan.places if one.place_id in read]
-    return np.array(places, dtype=np.float64).reshape(-1, 2)
 
 
 def checked_part(

@@ -18,13 +18,7 @@ from app.report.accuracy import (
     pointing_figures,
     residual_figures,
 )
-from app.report.checked import (
-    Checked,
-    Predicted,
-    checked_by_hand,
-    checked_part,
-    decision_figures,
-)
+from app.report.checked import checked_part, decision_figures
 from app.report.mosaic import fault_figures, misfit_figures, mosaic_figures
 from app.report.protocol_figures import control_in_use, json_value, spread_figures
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
@@ -45,6 +39,7 @@ from core.quality.rules import Finding, Release, check_release, human_doubts, ju
 from core.raster.holes import Hole
 from core.raster.ortho import Ortho
 from core.sheets.delivery import Delivery, sheet_figures
+from sessions.checked import Checked, Predicted, checked_by_hand
 from sessions.decisions import Recorded
 from sessions.remarks import fault_findings, standing_faults
 from ui.words.catalogue import LANGUAGES
@@ -213,7 +208,7 @@ def _judged(
     report = content.report
     findings = judge_block(assess_block(report, standing), report, content.holes)
     release = _release(content, findings)
-    relative_m = None if release is None else release.relative_m
+    relative_m = float("nan") if release is None else release.relative_m
     predicted = Predicted(relative_m, _ortho_sigma_m(content), content.influence, content.seams)
     checked = checked_by_hand(report, content.decisions, content.mosaic_version, predicted)
     more = (

@@ -14,6 +14,7 @@ from scipy.special import chdtri
 from core.adjustment.adjusted import AdjustmentReport, Contradiction
 from core.adjustment.influence import Influence
 from core.adjustment.significance import CONSTANT_NAMES
+from core.arrays import Scalars
 from core.block import Block
 from core.doubts import Doubt
 from core.quality.assessment import BlockQuality, Overlap, assess_block
@@ -199,10 +200,8 @@ def check_release(
     """
     if findings is None:
         findings = judge_block(assess_block(report), report)
-    sigmas = {} if influence is None else influence.corner_sigmas()
-    places = {name: report.unit**2 * np.sum(s**2, axis=1) for name, s in sigmas.items()}
-    every = np.concatenate([np.zeros(0), *places.values()])
-    relative = float(np.sqrt(every.mean())) if len(every) else float("nan")
+    places = {} if influence is None else ground_variances(report, influence)
+    relative = relative_sigma_m(places)
     worst = max(places, key=lambda name: float(places[name].max()), default="")
     # The reference is off alike in both axes, whatever the block does.
     reference = np.sqrt(2) * ortho_sigma_m
@@ -217,6 +216,18 @@ def check_release(
         reasons.append(Finding("predicted", POOR, told))
     checks = independent_checks(report)
     return Release(relative, predicted, worst_m, worst, limit, tuple(reasons), checks)
+
+
+def ground_variances(report: AdjustmentReport, influence: Influence) -> dict[str, Scalars]:
+    """Variance in plan, against the reference, of nine places of each photo, square metres."""
+    sigmas = influence.corner_sigmas()
+    return {name: report.unit**2 * np.sum(s**2, axis=1) for name, s in sigmas.items()}
+
+
+def relative_sigma_m(places: Mapping[str, Scalars]) -> float:
+    """RMS over all places of `ground_variances`, metres; NaN where there are none."""
+    every = np.concatenate([np.zeros(0), *places.values()])
+    return float(np.sqrt(every.mean())) if len(every) else float("nan")
 
 
 def human_findings(report: AdjustmentReport) -> list[Finding]:

@@ -200,6 +200,11 @@ def test_two_observers_read_blind_and_the_bias_is_recovered__truth(
     assert found.doubled == PLACES
     # A click is good to a pixel of the screen: a fifth of a metre in so small a block.
     assert np.allclose(found.together.mean_m, BIAS_M, atol=0.3)
+    # Where one signs, what the report says of predicted against observed is told as well.
+    page = sit_at(real_desk.desk.url, scene=False)
+    caught_up(page)
+    page.keyboard.press("b")
+    page.wait_for_selector("#quality[open] :text('times the predicted')")
 
 
 def test_a_reading_far_off_is_asked_about_before_it_is_kept__law(

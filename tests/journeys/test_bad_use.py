@@ -77,6 +77,7 @@ def test_a_demo_that_cannot_be_written_is_told__truth(tmp_path: Path, capsys: Ca
         ("review", "BLOCK", "--port", "99999"),
         ("demo", "--seed", "-1"),
         ("demo", "--relief", "nan"),
+        ("check", "plan", "BLOCK", "--operator", "  "),
         ("fly",),
         (),
     ],

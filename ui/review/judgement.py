@@ -1,6 +1,6 @@
 """What is found of the block on the desk: the sheet shows it, and a signature goes by it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,10 +8,9 @@ import shapely
 
 from core.mosaic.fault_places import misfit_findings
 from core.quality.assessment import BlockQuality, assess_block
-from core.quality.readings import ReadingFigures, reading_findings
-from core.quality.rules import Finding, judge_block, release_limit_m
-from sessions.checks import checked_figures, replaced_readings, standing_plans
-from sessions.decisions import Recorded
+from core.quality.readings import ReadingFigures
+from core.quality.rules import Finding, judge_block
+from sessions.checked import Predicted, checked_by_hand
 from sessions.remarks import fault_findings, standing_faults
 from ui.review.scene import EDGE_PARTS, Segments
 from ui.review.snapshot import DeskSnapshot
@@ -37,24 +36,22 @@ def judge_desk(desk: DeskSnapshot) -> BlockJudgement:
     report = desk.state.report
     polygons = footprint_polygons(desk.state, desk.outlines)
     measured = assess_block(report, polygons)
-    version = desk.mosaic_version
-    read = read_figures(desk.recorded, version)
-    limit, replaced = release_limit_m(report.block), replaced_readings(desk.recorded, version)
+    evidence, mosaic = desk.state.evidence, desk.state.mosaic
+    seams = () if mosaic is None else mosaic.product.seams
+    predicted = Predicted(evidence.relative_m, desk.ortho_sigma_m, evidence.influence, seams)
+    checked = checked_by_hand(report, desk.recorded, desk.mosaic_version, predicted)
     found = (
-        *(() if read is None else reading_findings(read, limit, replaced=replaced)),
-        *(() if desk.state.mosaic is None else misfit_findings(desk.state.mosaic.misfit)),
+        *(() if checked is None else checked.findings),
+        *(() if mosaic is None else misfit_findings(mosaic.misfit)),
         *fault_findings(standing_faults(desk.recorded)),
         *judge_block(measured, report, desk.state.holes),
     )
     return BlockJudgement(
-        polygons, measured, read, tuple(sorted(found, key=lambda one: -one.grave))
+        polygons,
+        measured,
+        None if checked is None else checked.figures,
+        tuple(sorted(found, key=lambda one: -one.grave)),
     )
-
-
-def read_figures(recorded: Sequence[Recorded], version: str) -> ReadingFigures | None:
-    """Figures of the readings of the newest plan; None without a plan."""
-    plans = standing_plans(recorded)
-    return checked_figures(recorded, plans[-1], version) if plans else None
 
 
 def footprint_polygons(state: DeskState, outlines: Segments) -> dict[str, shapely.Polygon]:

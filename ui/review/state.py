@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from core.adjustment.adjusted import OUT, AdjustmentReport
 from core.adjustment.expected_gain import Gain
+from core.adjustment.influence import Influence
 from core.block import Block, Measurement, Photo, SurveyedPoint
 from core.control.prediction import Covariances, JointErrors, Prediction
 from core.geometry.camera import Camera
@@ -309,6 +310,10 @@ class Evidence:
     """What measuring a point of the user in a photo would bring, metres."""
     joint: JointErrors | None = None
     """How well all photos are known together."""
+    influence: Influence | None = None
+    """The equations themselves."""
+    relative_m: float = float("nan")
+    """Standard deviation in plan against the reference, over nine places of all photos, metres."""
 
 
 NO_EVIDENCE = Evidence()

@@ -9,7 +9,7 @@ import pytest
 from core.quality.assessment import assess_block
 from core.quality.check_plan import CheckPlace
 from core.quality.rules import judge_block
-from sessions.checks import new_plan, results_digest
+from sessions.checks import checked_figures, new_plan, results_digest, standing_plans
 from sessions.decisions import (
     Acceptance,
     Decision,
@@ -30,7 +30,6 @@ from ui.review.checking import (
     rules_part,
     signatures_part,
 )
-from ui.review.judgement import read_figures
 from ui.review.mosaic import faults_part
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Notice
@@ -126,10 +125,8 @@ def test_a_reading_of_an_earlier_mosaic_is_open_again_and_counts_for_nothing__la
     shown = {one["place"]: one for one in checks_part(said, "ada", VERSION, 0.5)["places"]}
     assert shown["1-01"]["state"] == "outdated"
     assert "marks" not in shown["1-01"]
-    figures = read_figures(said, VERSION)
-    assert figures is not None
+    figures = checked_figures(said, standing_plans(said)[-1], VERSION)
     assert (figures.read, figures.planned) == (0, 8)
-    assert read_figures([], VERSION) is None
 
 
 @pytest.fixture(scope="module")
