@@ -32,7 +32,7 @@ from core.arrays import ObjectPoints
 from core.block import Block, Measurement, Photo
 from core.control.likeness import Likeness, likeness_about, search_options
 from core.control.located import Surroundings
-from core.control.prediction import JointErrors, covariances_of, predict_points
+from core.control.prediction import covariances_of, predict_points
 from core.control.stage import ControlFound, adjusted_without_gross
 from core.control.transfer import propose_by_ortho, refine_place, transfer_point
 from core.doubts import Doubt, Failure
@@ -44,7 +44,6 @@ from core.localisation.stage import Localised
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference, level_of, open_reference
 from core.progress import SILENT, Part, Progress
-from core.quality.rules import ground_variances, relative_sigma_m
 from core.raster.ortho import Ortho
 from core.raster.scan_file import ScanFile, ScanFiles
 from core.results import BlockInput
@@ -328,9 +327,7 @@ class Adjusting:
             expected_gains(influence),
             covariances,
             measuring_gains(influence, wanted, len(report.checks)),
-            JointErrors(influence, report.unit),
             influence,
-            relative_sigma_m(ground_variances(report, influence)),
         )
 
     def choose(self, cameras: bool, robust: bool) -> tuple[bool, bool]:

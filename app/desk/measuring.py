@@ -254,7 +254,9 @@ class Filling:
 
 def _errors(state: DeskState) -> Errors:
     """As the newest adjustment tells."""
-    return Errors(state.report.exterior_sigmas, state.evidence.joint)
+    influence, report = state.evidence.influence, state.report
+    joint = None if influence is None else JointErrors(influence, report.unit)
+    return Errors(report.exterior_sigmas, joint)
 
 
 def measurements_of(state: DeskState, point_id: str) -> tuple[Measurement, ...]:

@@ -200,8 +200,8 @@ def check_release(
     """
     if findings is None:
         findings = judge_block(assess_block(report), report)
-    places = {} if influence is None else ground_variances(report, influence)
-    relative = relative_sigma_m(places)
+    places = _ground_variances(report, influence)
+    relative = _relative_m(places)
     worst = max(places, key=lambda name: float(places[name].max()), default="")
     # The reference is off alike in both axes, whatever the block does.
     reference = np.sqrt(2) * ortho_sigma_m
@@ -218,14 +218,18 @@ def check_release(
     return Release(relative, predicted, worst_m, worst, limit, tuple(reasons), checks)
 
 
-def ground_variances(report: AdjustmentReport, influence: Influence) -> dict[str, Scalars]:
-    """Variance in plan, against the reference, of nine places of each photo, square metres."""
-    sigmas = influence.corner_sigmas()
+def relative_sigma_m(report: AdjustmentReport, influence: Influence | None) -> float:
+    """Standard deviation in plan against the reference, as in `Release`; NaN where not known."""
+    return _relative_m(_ground_variances(report, influence))
+
+
+def _ground_variances(report: AdjustmentReport, influence: Influence | None) -> dict[str, Scalars]:
+    """Variance in plan against the reference of nine places of each photo, square metres."""
+    sigmas = {} if influence is None else influence.corner_sigmas()
     return {name: report.unit**2 * np.sum(s**2, axis=1) for name, s in sigmas.items()}
 
 
-def relative_sigma_m(places: Mapping[str, Scalars]) -> float:
-    """RMS over all places of `ground_variances`, metres; NaN where there are none."""
+def _relative_m(places: Mapping[str, Scalars]) -> float:
     every = np.concatenate([np.zeros(0), *places.values()])
     return float(np.sqrt(every.mean())) if len(every) else float("nan")
 

@@ -401,29 +401,31 @@ def shifts_m(one: AdjustmentRecord, other: AdjustmentRecord) -> dict[str, float]
     }
 
 
-def vouched_by_another(decision_id: int, recorded: Sequence[Recorded], operator: str) -> str:
-    """Whose signature or fault a decision is, where not the operator's own; empty else.
+def taken_back(
+    decision_id: int, recorded: Sequence[Recorded], operator: str, *, again: bool
+) -> tuple[tuple[Withdraw, ...], Notice | None]:
+    """What takes one decision back, or decides it again; else what is told.
 
-    Others sign otherwise, or close the fault: what somebody vouched for stays theirs.
+    Signatures and faults stay theirs who vouched for them: others sign too, or close the fault.
     """
     item = next((one for one in recorded if one.decision_id == decision_id), None)
-    if item is None or item.who == operator:
-        return ""
-    said = item.decision
-    own = isinstance(said, SignBlock) or (isinstance(said, Remark) and bool(said.fault))
-    return item.who if own else ""
-
-
-def taken_back(decision_id: int, recorded: Sequence[Recorded], again: bool) -> tuple[Withdraw, ...]:
-    """What takes one decision back, or decides it again; nothing where it already is so."""
+    if item is not None and item.who != operator and _vouches(item.decision):
+        return (), Notice("notice.not-yours", {"who": item.who}, grave=True)
     stands = standing(recorded)
-    if any(item.decision_id == decision_id for item in stands):
-        return () if again else (Withdraw(decision_id),)
-    if not again:
-        return ()
-    undone = [
-        item.decision_id
-        for item in stands
-        if isinstance(item.decision, Withdraw) and item.decision.decision_id == decision_id
-    ]
-    return (Withdraw(undone[-1]),) if undone else ()
+    if any(one.decision_id == decision_id for one in stands):
+        turned = () if again else (Withdraw(decision_id),)
+    else:
+        undone = [
+            one.decision_id
+            for one in stands
+            if isinstance(one.decision, Withdraw) and one.decision.decision_id == decision_id
+        ]
+        turned = (Withdraw(undone[-1]),) if again and undone else ()
+    return turned, None if turned else Notice("notice.turned")
+
+
+def _vouches(decision: Decision) -> bool:
+    """Whether a decision is a signature or a fault."""
+    return isinstance(decision, SignBlock) or (
+        isinstance(decision, Remark) and bool(decision.fault)
+    )

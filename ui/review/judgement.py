@@ -9,7 +9,7 @@ import shapely
 from core.mosaic.fault_places import misfit_findings
 from core.quality.assessment import BlockQuality, assess_block
 from core.quality.readings import ReadingFigures
-from core.quality.rules import Finding, judge_block
+from core.quality.rules import Finding, judge_block, relative_sigma_m
 from sessions.checked import Predicted, checked_by_hand
 from sessions.remarks import fault_findings, standing_faults
 from ui.review.scene import EDGE_PARTS, Segments
@@ -36,9 +36,10 @@ def judge_desk(desk: DeskSnapshot) -> BlockJudgement:
     report = desk.state.report
     polygons = footprint_polygons(desk.state, desk.outlines)
     measured = assess_block(report, polygons)
-    evidence, mosaic = desk.state.evidence, desk.state.mosaic
+    influence, mosaic = desk.state.evidence.influence, desk.state.mosaic
     seams = () if mosaic is None else mosaic.product.seams
-    predicted = Predicted(evidence.relative_m, desk.ortho_sigma_m, evidence.influence, seams)
+    relative_m = relative_sigma_m(report, influence)
+    predicted = Predicted(relative_m, desk.ortho_sigma_m, influence, seams)
     checked = checked_by_hand(report, desk.recorded, desk.mosaic_version, predicted)
     found = (
         *(() if checked is None else checked.findings),

@@ -61,7 +61,7 @@ from ui.review.gestures import (
     Undone,
     VectorsScaled,
 )
-from ui.review.history import own_rejections, taken_back, vouched_by_another
+from ui.review.history import own_rejections, taken_back
 from ui.review.mark_gestures import MarkDropped, MarkGesture, MarkJudged, MarkPlaced
 from ui.review.new_points import begun
 from ui.review.picture import Part
@@ -134,10 +134,9 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
 def _record(gesture: TakenBack | Reviewed, seat: Seat, desk: DeskSnapshot) -> Outcome:
     """A decision turned round, or one that judges the block and changes nothing of it."""
     if isinstance(gesture, TakenBack):
-        if whose := vouched_by_another(gesture.decision_id, desk.recorded, seat.operator):
-            return Outcome(seat, notice=Notice("notice.not-yours", {"who": whose}, grave=True))
-        turned = taken_back(gesture.decision_id, desk.recorded, gesture.again)
-        return Outcome(seat, turned, notice=None if turned else Notice("notice.turned"))
+        number, again = gesture.decision_id, gesture.again
+        decided, notice = taken_back(number, desk.recorded, seat.operator, again=again)
+        return Outcome(seat, decided, notice=notice)
     decided, notice = decided_judgement(gesture, desk)
     return Outcome(seat, decided, notice=notice)
 

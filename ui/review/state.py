@@ -8,7 +8,7 @@ from core.adjustment.adjusted import OUT, AdjustmentReport
 from core.adjustment.expected_gain import Gain
 from core.adjustment.influence import Influence
 from core.block import Block, Measurement, Photo, SurveyedPoint
-from core.control.prediction import Covariances, JointErrors, Prediction
+from core.control.prediction import Covariances, Prediction
 from core.geometry.camera import Camera
 from core.geometry.crs import Bounds
 from core.geometry.exterior import ExteriorOrientation
@@ -308,12 +308,8 @@ class Evidence:
     """How well each photo that took part is known."""
     worth: Mapping[Key, float] = field(default_factory=dict[Key, float])
     """What measuring a point of the user in a photo would bring, metres."""
-    joint: JointErrors | None = None
-    """How well all photos are known together."""
     influence: Influence | None = None
     """The equations themselves."""
-    relative_m: float = float("nan")
-    """Standard deviation in plan against the reference, over nine places of all photos, metres."""
 
 
 NO_EVIDENCE = Evidence()

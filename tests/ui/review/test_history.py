@@ -36,10 +36,10 @@ from ui.review.history import (
     record_line,
     shifts_m,
     subject_of,
+    taken_back,
     touched_by,
     turn_back,
     turn_notice,
-    vouched_by_another,
     with_adjustment,
 )
 from ui.review.state import NO_EXTRA, Draft, Seat
@@ -285,5 +285,11 @@ def test_signatures_and_faults_are_withdrawn_by_those_whose_they_are__law():
         Remark("place", "", "a church", (1.0, 2.0)), Accept("A", "one"),
     ]  # fmt: skip
     recorded = [Recorded(n, "2026-11-27T10:00:00", "bob", one) for n, one in enumerate(said, 1)]
-    assert [vouched_by_another(n, recorded, "eve") for n in range(1, 6)] == ["bob"] * 2 + [""] * 3
-    assert not any(vouched_by_another(n, recorded, "bob") for n in range(1, 6))
+    for number in range(1, 5):
+        turned, notice = taken_back(number, recorded, "eve", again=False)
+        told = None if notice is None else (notice.text, notice.values)
+        if number <= 2:
+            assert (turned, told) == ((), ("notice.not-yours", {"who": "bob"}))
+        else:
+            assert (turned, told) == ((Withdraw(number),), None)
+        assert taken_back(number, recorded, "bob", again=False)[0] == (Withdraw(number),)
