@@ -281,9 +281,11 @@ def test_a_new_name_keeps_the_own_decisions_within_reach_of_undo__law(tmp_path):
 def test_signatures_and_faults_are_withdrawn_by_those_whose_they_are__law():
     """One click of anybody took them away, and the report did not say by whom."""
     said = [
-        SignBlock("reject", "", {}), Remark("place", "", "dark", (1.0, 2.0), "tone"),
-        Remark("place", "", "a church", (1.0, 2.0)), Accept("A", "one"),
-    ]  # fmt: skip
+        SignBlock("reject", "", {}),
+        Remark("place", "", "dark", (1.0, 2.0), "tone"),
+        Remark("place", "", "a church", (1.0, 2.0)),
+        Accept("A", "one"),
+    ]
     recorded = [Recorded(n, "2026-11-27T10:00:00", "bob", one) for n, one in enumerate(said, 1)]
     for number in range(1, 5):
         turned, notice = taken_back(number, recorded, "eve", again=False)
