@@ -11,8 +11,10 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any, cast
+from types import UnionType
+from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 import shapely
@@ -242,6 +244,52 @@ def from_json(data: Any, here: Path | None = None) -> Any:
         raise
     except (KeyError, TypeError, ValueError, shapely.GEOSException) as error:
         raise CodecError(f"damaged {held[kind] if kind == '@' else kind} ({error})") from error
+
+
+def unfit_field(value: Any, *, finite: bool = True) -> str:
+    """The first field of a dataclass that holds what its type does not allow; empty without one.
+
+    Args:
+        value: A dataclass of scalars, tuples, mappings and other dataclasses.
+        finite: Whether its own numbers must be finite; those of dataclasses within it need not.
+    """
+    for name, hint in _hints(type(value)).items():
+        if not _fits(getattr(value, name), hint, finite):
+            return name
+    return ""
+
+
+@cache
+def _hints(kind: type) -> Mapping[str, Any]:
+    """Types of the fields of a dataclass."""
+    hints = get_type_hints(kind)
+    return {field.name: hints[field.name] for field in fields(kind)}
+
+
+def _fits(value: Any, hint: Any, finite: bool) -> bool:
+    inside = get_args(hint)
+    match get_origin(hint):
+        case origin if origin is Literal:
+            return value in inside
+        case origin if origin in (Union, UnionType):
+            return any(_fits(value, one, finite) for one in inside)
+        case origin if origin is tuple:
+            hints = inside[:1] * len(value) if inside[-1] is ... else inside
+            return isinstance(value, tuple) and (
+                len(value) == len(hints)
+                and all(_fits(one, own, finite) for one, own in zip(value, hints, strict=True))
+            )
+        case None if hint is float:
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            return number and (math.isfinite(value) or not finite)
+        case None:
+            within = is_dataclass(value)
+            return isinstance(value, hint) and not (within and unfit_field(value, finite=False))
+        case origin:
+            return isinstance(value, cast("type", origin)) and all(
+                _fits(key, inside[0], finite) and _fits(one, inside[1], finite)
+                for key, one in value.items()
+            )
 
 
 def _dumps(data: Any, sort_keys: bool = False) -> bytes:

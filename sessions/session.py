@@ -18,7 +18,7 @@ from core.mosaic.misfit_places import Misfit
 from core.said import say
 from sessions.atomic_write import clean_leftovers
 from sessions.checks import with_free_number
-from sessions.codec import CodecError, from_json, to_json
+from sessions.codec import CodecError, from_json, to_json, unfit_field
 from sessions.decisions import (
     DECISIONS,
     Decision,
@@ -256,6 +256,8 @@ class Session:
             decision = from_json(json.loads(row.decision))
             if not isinstance(decision, DECISIONS):
                 raise CodecError("no decision")
+            if unfit := unfit_field(decision):
+                raise CodecError(f"{type(decision).__name__}: {unfit}")
         except (CodecError, ValueError, RecursionError) as error:
             raise StorageError(
                 self._store.path,

@@ -7,7 +7,8 @@ vector v_j is right and scatters about s by sigma_j; else it lies anywhere in th
 
 Two explanations are weighed: s is what the block predicts, N(0, C), or s is anything within the
 search. Their evidences are the integrals of L; with a prior of one wrong place in the whole block
-they give the probability that a place is off by more than predicted. No length enters.
+they give the probability that a place is off by more than predicted. No length enters. The shift
+that is told is the mean over both: a few vectors that chance made agree far off weigh little.
 """
 
 from collections.abc import Iterator, Sequence
@@ -59,7 +60,7 @@ class MisfitPlace:
     shift_m: tuple[float, float]
     """Mosaic minus reference (east, north), metres."""
     sigma_m: float
-    """Standard deviation per axis of the shift as measured, metres."""
+    """Standard deviation per axis of the shift, what is predicted of it being known, metres."""
     predicted_m: tuple[float, float]
     """Standard deviations (east, north) of the misfit that the block predicts, metres."""
     probability: float
@@ -246,13 +247,13 @@ def _weigh(vectors: MisfitVectors, near: np.ndarray, scatter: Scalars, places: f
     squares = xx * line[:, None] ** 2 + 2 * xy * np.outer(line, line) + yy * line**2
     about = np.exp(-0.5 * squares)
     # The others are as predicted, or show nothing that lasts.
-    free, held = mass.mean() / places, (mass * about).sum() / about.sum() / 2
-    none = np.prod(wrong) / 2
-    shares = np.array([free, held, none]) / (free + held + none)
-    along_axes = np.stack([mass.sum(axis=1), mass.sum(axis=0)]) / mass.sum()
+    free, held = mass / mass.size / places, mass * about / about.sum() / 2
+    none = float(np.prod(wrong)) / 2
+    whole = float((free + held).sum()) + none
+    along_axes = np.stack([(free + held).sum(axis=1), (free + held).sum(axis=0)]) / (whole - none)
     shift = along_axes @ line
     sigma = float(np.sqrt(max((along_axes @ line**2 - shift**2).sum(), 0.0) / 2))
-    return _Hood(int(near[0]), shift[None], sigma, float(shares[0]), 1 - float(shares[2]))
+    return _Hood(int(near[0]), shift[None], sigma, float(free.sum()) / whole, 1 - none / whole)
 
 
 def _local_scatter(vectors: MisfitVectors) -> float:

@@ -1,5 +1,6 @@
 """The folder of a block and its door."""
 
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from core.formats.listed_point import ListedPoint
 from core.mosaic.seam_edits import SeamArea, SeamLine
 from core.quality.check_plan import CheckPlace
 from core.scans.judging import FiducialMeasurement
+from sessions.codec import to_json
 from sessions.decisions import (
     DECISIONS,
     Accept,
@@ -154,6 +156,32 @@ def test_decision_of_a_newer_program_is_told_and_kept__truth(tmp_path: Path) -> 
         store.append("2026-01-01", "eve", [("Merge", '{"@":"Merge"}')])
         store.close()
         with pytest.raises(StorageError, match="decision 1, which this Gruber cannot read"):
+            session.decisions()
+
+
+@pytest.mark.parametrize(
+    ("decision", "field"),
+    [
+        (SignBlock("accepted", "", {}), "verdict"),  # type: ignore[arg-type]
+        (Remark("place", "", "tmavé", (1.0, 2.0), "hole"), "fault"),  # type: ignore[arg-type]
+        (ReadCheck("1-01", (float("nan"), 2.0), (1.0, 2.0), "abc"), "mosaic"),
+        (ReadCheck("1-01", (1.0, 2.0, 3.0), (1.0, 2.0), "abc"), "mosaic"),  # type: ignore[arg-type]
+        (Place("P1", "A", float("inf"), 1.0), "column"),
+        (JudgePhoto("A", use="yes"), "use"),  # type: ignore[arg-type]
+        (SignBlock("reject", "", {"mosaic": 3}), "judged"),  # type: ignore[dict-item]
+    ],
+)
+def test_a_decision_whose_values_cannot_be_is_told__truth(
+    tmp_path: Path, decision: Decision, field: str
+) -> None:
+    with Session.open(tmp_path, "ada") as session:
+        store = Store.open(tmp_path / "session.gpkg")
+        text = json.dumps(to_json(decision))
+        store.append("2026-01-01", "eve", [(type(decision).__name__, text)])
+        store.close()
+        with pytest.raises(
+            StorageError, match=rf"cannot read \({type(decision).__name__}: {field}"
+        ):
             session.decisions()
 
 

@@ -83,6 +83,18 @@ def test_what_the_block_predicts_is_not_significant__law():
     assert not any(place.significant for place in found)
 
 
+@pytest.mark.parametrize("right", [0.7, 0.5])
+def test_vectors_that_agree_by_chance_tell_no_place_metres_off__truth(right):
+    for seed in range(6):
+        rng = np.random.default_rng((17, seed))
+        off = rng.normal(0, 0.4, 2)
+        misfit = judge_misfit(made_vectors(rng, lambda east, north, off=off: off, right, 0.4))
+        assert misfit.places
+        for place in misfit.places:
+            # Without what is predicted some are told 7 to 11 m off.
+            assert np.hypot(*np.subtract(place.shift_m, off)) < 1.0
+
+
 def test_the_systematic_part_is_the_affinity_put_in__truth():
     middle, rng = (SIDE - 1) * 30.0, np.random.default_rng(7005)
 
