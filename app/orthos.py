@@ -40,7 +40,7 @@ def make_orthos(
     photos = [photo for photo in block.photos.values() if photo.oriented]
     gsd = project.ortho.gsd_m or default_gsd_m(block)
     usable = usable_parts(session)
-    heights, corrections = chosen_ground(session, project, dem)
+    heights, corrections = chosen_ground(session, project, dem, block.search_bounds)
     orthos: list[OrthoProduct] = []
     wanted = len(photos) if only is None else max(len(only), 1)
     made_now = 0

@@ -10,6 +10,8 @@ from app.project import Project, reference_sigmas_m
 from core.adjustment.adjusted import AdjustmentReport
 from core.arrays import Mask
 from core.doubts import Failure
+from core.geometry.crs import Bounds
+from core.orthos.bridges import with_bridges
 from core.orthos.scan_places import Heights
 from core.progress import Work
 from core.raster.dem import Dem
@@ -122,12 +124,26 @@ def make_ground(session: Session, project: Project, surface: SurfaceProduct | Fa
     session.products.save_value("ground", digest_of(inputs, classes, corrections), made)
 
 
-def chosen_ground(session: Session, project: Project, dem: Dem) -> tuple[Heights, tuple[Path, ...]]:
-    """Heights for the orthos, and the file that they hang on besides the DEM."""
-    corrections = session.results / CORRECTIONS
-    if project.ortho.ground == "dem" or not corrections.is_file():
-        return dem, ()
-    return read_ground(corrections, dem), (corrections,)
+def chosen_ground(
+    session: Session, project: Project, dem: Dem, bounds: Bounds
+) -> tuple[Heights, tuple[Path, ...]]:
+    """Heights for the orthos, bridges over them, and the files they hang on besides the DEM.
+
+    Args:
+        session: Where corrections are kept.
+        project: Says what the orthos stand on.
+        dem: The DEM.
+        bounds: The block's ground, metres.
+    """
+    corrections, bridges = session.results / CORRECTIONS, project.reference.bridges
+    heights: Heights = dem
+    files: tuple[Path, ...] = ()
+    if project.ortho.ground != "dem" and corrections.is_file():
+        heights, files = read_ground(corrections, dem), (corrections,)
+    if bridges is not None:
+        heights = with_bridges(heights, bridges, project.block.crs, bounds)
+        files = (*files, bridges)
+    return heights, files
 
 
 def usable_parts(session: Session) -> Callable[[str], Mask | None]:

@@ -63,7 +63,12 @@ class VectorLayer:
 
 
 def read_layers(
-    path: str | Path, crs: CRS, bounds: Bounds | None = None, attributes: bool = True
+    path: str | Path,
+    crs: CRS,
+    bounds: Bounds | None = None,
+    attributes: bool = True,
+    *,
+    heights: bool = False,
 ) -> tuple[VectorLayer, ...]:
     """Every layer with geometry of a file; of one layer, where the path ends in `|layername=`.
 
@@ -72,6 +77,7 @@ def read_layers(
         crs: The block's CRS.
         bounds: Read only what touches these, in the block's CRS.
         attributes: Read the attributes as well.
+        heights: Keep heights of coordinates, as they are in the file.
     """
     file, _, wanted = str(path).partition(LAYER_MARK)
     try:
@@ -94,7 +100,8 @@ def read_layers(
                 )
             chosen = [wanted] if wanted else names
             return tuple(
-                _read_layer(file, name, crs, bounds, attributes=attributes) for name in chosen
+                _read_layer(file, name, crs, bounds, attributes=attributes, heights=heights)
+                for name in chosen
             )
     except GDAL_ERRORS as error:
         raise ReferenceDataError(
@@ -113,7 +120,7 @@ def no_remarks() -> Generator[None]:
 
 
 def _read_layer(
-    file: str, name: str, crs: CRS, bounds: Bounds | None, *, attributes: bool
+    file: str, name: str, crs: CRS, bounds: Bounds | None, *, attributes: bool, heights: bool
 ) -> VectorLayer:
     """One layer, brought into the block's CRS."""
     encoding = _encoding(file)
@@ -125,7 +132,7 @@ def _read_layer(
     to_block = _way_to_block(info["crs"], extent, crs, file)
     box = bounds if bounds is None or to_block is None else _box_in(to_block, bounds)
     meta, _, wkb, fields = raw.read(
-        file, name, encoding=encoding, columns=columns, force_2d=True, bbox=box
+        file, name, encoding=encoding, columns=columns, force_2d=not heights, bbox=box
     )
     geometries = np.asarray(shapely.from_wkb(wkb), dtype=object)
     kept = ~(shapely.is_missing(geometries) | shapely.is_empty(geometries))
@@ -135,8 +142,11 @@ def _read_layer(
             file, "it holds coordinates that are no places.", "Export it again from its source."
         )
     if to_block is not None and len(geometries):
-        moved = to_block.forward(shapely.get_coordinates(geometries))
-        geometries = shapely.set_coordinates(geometries, moved)
+        geometries = shapely.transform(
+            geometries,
+            lambda old: np.column_stack([to_block.forward(old[:, :2]), old[:, 2:]]),
+            include_z=heights,
+        )
     table = {str(n): values[kept] for n, values in zip(meta["fields"], fields, strict=True)}
     return VectorLayer(file, name, geometries, table)
 

@@ -20,6 +20,7 @@ from core.arrays import FilmPoints, Mask, ObjectPoints, PixelPoints
 from core.block import Photo
 from core.frames import HALF_PIXEL, opencv_from_pixel
 from core.geometry.camera import Camera
+from core.orthos.bridges import BridgedHeights
 from core.orthos.scan_places import Heights, PixelMap, ScanPlaces, locate_tile
 from core.progress import SILENT, Progress
 from core.raster.grid import NODATA, Grid, Pixels, Tile, tiled_profile, tiles_of, write_tiles
@@ -319,7 +320,8 @@ class _Work:
 def _tile(work: _Work, window: Tile) -> Pixels | None:
     """Values of one tile in the type of the scan, 0 where nothing is seen; None if nowhere."""
     tile = work.grid.window(*window)
-    places = locate_tile(work.photo, work.camera, work.dem, tile)
+    dem = work.dem.around(tile.bounds) if isinstance(work.dem, BridgedHeights) else work.dem
+    places = locate_tile(work.photo, work.camera, dem, tile)
     if places is None:
         return None
     seen = work.mask.at(places.columns, places.rows, places.origin)
