@@ -1,5 +1,6 @@
 """The surface of a block on disk: written whole, not made twice, removed where there is none."""
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+import shapely
 
 from app.project import read_project
 from app.run import WHEN_ASKED, Run, RunOptions
@@ -113,14 +115,14 @@ def test_orthos_stand_on_the_ground_that_was_chosen__truth(asked, tiny_run):
     """Without a choice as before; with one on the DEM and its corrections."""
     session, project = asked
     report, dem = session.products.latest_value("adjustment"), tiny_run.reference.dem
-    assert chosen_ground(session, project, dem) == (dem, ())
+    assert chosen_ground(session, project, dem, dem.bounds) == (dem, ())
     surface = make_block_surface(session, project, report, dem, Work())
     own = replace(project, ortho=replace(project.ortho, ground="auto"))
     assert "surface" in own.asked_for
     assert "surface" in replace(own, surface=None).asked_for
     assert "surface" not in replace(project, surface=None).asked_for
     make_ground(session, own, surface)
-    heights, (file,) = chosen_ground(session, own, dem)
+    heights, (file,) = chosen_ground(session, own, dem, dem.bounds)
     first = file.stat().st_mtime_ns
     make_ground(session, own, surface)
     assert file.stat().st_mtime_ns == first
@@ -132,7 +134,21 @@ def test_orthos_stand_on_the_ground_that_was_chosen__truth(asked, tiny_run):
         profile = raster.profile
     with rasterio.open(file, "w", **profile) as raster:
         raster.write(5 * raised, 1)
-    higher, _ = chosen_ground(session, own, dem)
+    higher, _ = chosen_ground(session, own, dem, dem.bounds)
     np.testing.assert_allclose(higher.heights(middle), dem.heights(middle) + 5, atol=0.01)
+    # Bridges lie over either.
+    east, north = middle[0]
+    bridges = session.folder / "bridges.geojson"
+    corners = shapely.box(east - 50, north - 50, east + 50, north + 50).exterior.coords
+    deck = shapely.Polygon([(*corner, dem.heights(middle)[0] + 30) for corner in corners])
+    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::5514"}}
+    feature = {"type": "Feature", "properties": {}, "geometry": shapely.geometry.mapping(deck)}
+    collection = {"type": "FeatureCollection", "crs": crs, "features": [feature]}
+    bridges.write_text(json.dumps(collection))
+    over = replace(own, reference=replace(own.reference, bridges=bridges))
+    bridged, files = chosen_ground(session, over, dem, dem.bounds)
+    assert files == (file, bridges)
+    lift = bridged.heights(middle) - dem.heights(middle)
+    np.testing.assert_allclose(lift, [30, 5, 5], atol=0.01)
     make_ground(session, project, surface)
     assert not file.exists()
