@@ -154,7 +154,10 @@ def imported_formats() -> tuple[str, ...]:
 
 def add_check(verb: Parser) -> None:
     """Arguments of `check`."""
-    verb.add_argument("what", choices=["plan"], metavar="plan", help="choose the places")
+    verb.add_argument(
+        "what", choices=["plan", "rules"], metavar="plan|rules",
+        help="choose the places, or print the rules in force as a file to edit",
+    )  # fmt: skip
     add_block(verb)
     verb.add_argument(
         "--cells", type=grid_size, default=None, metavar="6x5",
@@ -398,11 +401,12 @@ VERBS = {
     ),
     "check": Verb(
         "check:check",
-        "plan places at which the mosaic is to be checked",
+        "plan places at which the mosaic is to be checked, print the rules it is judged by",
         {
             "gruber check plan kobyli-1938": "before its first run, when no result is known",
             "gruber check plan kobyli-1938 --cells 8x5 --seed 7": "another grid, other places",
             "gruber check plan kobyli-1938 --points survey.csv": "surveyed points instead",
+            "gruber check rules kobyli-1938 > rules.toml": "every limit, for [block] rules",
         },
         add_check,
     ),

@@ -118,6 +118,7 @@ BLOCK = (
     Key("crs", "text", required=True, asked="first"),
     Key("heights", "text", "", asked="more"),
     Key("corrections", "choices", list(CORRECTIONS), choices=CORRECTIONS),
+    Key("rules", "file", asked="more"),
 )
 CAMERA = (
     Key("principal_distance_mm", "number", unit=MILLIMETRES, asked="first"),

@@ -12,6 +12,7 @@ import numpy as np
 import pyogrio
 
 from app.block_toml import Document, Table
+from app.job_rules import read_rules
 from core.adjustment.adjusted import AdjustmentOptions
 from core.doubts import Failure
 from core.errors import CrsError, PhotogrammetryError
@@ -23,6 +24,7 @@ from core.geometry.camera import SETS, Camera, additional_set, polynomial_from_t
 from core.geometry.collinearity import CORRECTIONS
 from core.geometry.crs import parse_crs, read_crs
 from core.georeference.principal_distance import camera_types, proposed_distances, types_named
+from core.quality.job_rules import USUAL_RULES, JobRules
 from core.said import say
 from core.sheets.cutting import Form
 from core.sheets.map_sheets import NAME, Corner, check_corners
@@ -49,6 +51,8 @@ class BlockSection:
     """Height system, in words or as a code."""
     corrections: tuple[str, ...] = CORRECTIONS
     """What rays are corrected for."""
+    rules: JobRules = USUAL_RULES
+    """Limits by which the block is judged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,7 +279,7 @@ def taken_in(table: Table) -> str | dict[str, str]:
     file, days = table.files("taken")[0], dict[str, str]()
     for row in read_rows(file, TAKEN):
         name, time = row.filled(TAKEN[0]), row.cell(TAKEN[1])
-        day = _day_of(time)
+        day = _time_of(time)
         if day is None:
             raise row.refused('Line {number}: "{said}" is no date.', NO_DATE, said=time)
         days[name] = day
@@ -290,28 +294,29 @@ def taken_of(table: Table, usual: str) -> str:
 def _is_list(table: Table, given: str) -> bool:
     """Whether a text that is no date names a list of files and times."""
     there = os.path.isfile(table.document.path.parent / given)
-    return _day_of(given) is None and (there or given.lower().endswith(".csv"))
+    return _time_of(given) is None and (there or given.lower().endswith(".csv"))
 
 
 def _day_in(table: Table, given: object) -> str:
-    day = _day_of(given)
+    day = _time_of(given)
     if day is None:
         raise table.error("taken", say('"{said}" is no date.', said=given), NO_DATE)
     return day
 
 
-def _day_of(given: object) -> str | None:
-    """Day, month or year as ISO has it, without the time of day; None where it is none."""
+def _time_of(given: object) -> str | None:
+    """Day, month or year as ISO has it, or a time with its offset from UTC; None where none."""
     text = given.isoformat() if isinstance(given, date) else given
     if not isinstance(text, str):
         return None
     day, _, hour = text.strip().replace("T", " ", 1).partition(" ")
+    known = day
     try:
-        if hour:
-            datetime.fromisoformat(f"{day}T{hour}")
+        if hour and (moment := datetime.fromisoformat(f"{day}T{hour}")).tzinfo is not None:
+            known = moment.isoformat()
     except ValueError:
         return None
-    return None if isinstance(time_span(day), Failure) else day
+    return None if isinstance(time_span(day), Failure) else known
 
 
 def adjustment_options(document: Document) -> AdjustmentOptions:
@@ -452,13 +457,15 @@ def read_block(document: Document) -> BlockSection:
 
     Raises:
         FieldError: It lacks something, its CRS is none of a map in metres, its heights are none.
+        ProjectError: The file of its rules cannot be used.
     """
     table = document.table("block", required=True)
     crs, heights = table.text("crs"), table.text("heights")
     _refusing(table, "crs", lambda: parse_crs(crs, ""))
     if heights.upper().startswith("EPSG:"):
         _refusing(table, "heights", lambda: _check_heights(heights))
-    return BlockSection(table.text("name"), crs, heights, _corrections(table))
+    rules = read_rules(table.file("rules"))
+    return BlockSection(table.text("name"), crs, heights, _corrections(table), rules)
 
 
 def _check_heights(heights: str) -> None:

@@ -113,7 +113,8 @@ class Document:
 
     def _line(self, table: str, key: str, nth: int) -> int | None:
         """Line of a key, else of its table, counted from 1; None when neither is found."""
-        begun, seen, header = None, -1, ""
+        # Before the first header stand the keys of no table.
+        begun, seen, header = None, -1 if table else 0, ""
         for number, text in enumerate(self.text.splitlines(), start=1):
             found = _HEADER.match(text)
             if found:

@@ -53,7 +53,7 @@ class MadePlan:
     plan: PlanChecks
     """The plan."""
     enough: bool
-    """Whether the standard allows a statement when all places are read."""
+    """Whether the rules of the job allow a statement when all places are read."""
     remarks: tuple[str, ...]
     """What the user should know."""
     recorded: Recorded | None = None
@@ -121,22 +121,22 @@ def draw_plan(
         beforehand=beforehand,
         decisions=session.decisions(),
     )
-    remarks += _remarks(drawn, beforehand)
-    return MadePlan(plan, drawn.enough, tuple(remarks))
+    remarks += _remarks(drawn, request.least, beforehand)
+    return MadePlan(plan, drawn.count >= request.least, tuple(remarks))
 
 
-def _remarks(drawn: DrawnPlan, beforehand: bool) -> list[str]:
+def _remarks(drawn: DrawnPlan, least: int, beforehand: bool) -> list[str]:
     """What weakens a plan."""
     found: list[str] = []
     if drawn.empty:
         told = "No place is shown well and away from control in {count:# cell|# cells} of the grid."
         found.append(say(told, count=drawn.empty))
-    if not drawn.enough:
+    if drawn.count < least:
         told = (
-            "{count:# place is|# places are} fewer than the 30 the ASPRS standard (2023) asks for: "
-            "no statement by it."
+            "{count:# place is|# places are} fewer than the {least} that the rules of the job ask "
+            "for: no statement by them."
         )
-        found.append(say(told, count=drawn.count))
+        found.append(say(told, count=drawn.count, least=least))
     if not beforehand:
         found.append(
             "Control of this block has been searched already; the plan and the report say so."
@@ -168,6 +168,7 @@ def _request(
         junctions_of(roads, reference, given.reference, bounds),
         ground_pixel_m(block),
         wish.cells,
+        project.rules.readings,
     )
 
 

@@ -47,6 +47,7 @@ from core.localisation.photo_orientation import OrientationOptions
 from core.localisation.stage import LocalisationOptions
 from core.matching.learned import LEARNED, check_network
 from core.matching.reference import DEM_SIGMA, ORTHO_SIGMA, ReferenceFiles
+from core.quality.job_rules import JobRules
 from core.raster.dem import open_dem
 from core.raster.ortho import open_ortho
 from core.results import BlockInput
@@ -69,7 +70,8 @@ class ListedScan:
     scan_pixel_um: float
     """Size of a scan pixel on the film, micrometres."""
     taken: str = ""
-    """Day, month or year of exposure as ISO has it; empty where nobody says."""
+    """Day, month or year of exposure as ISO has it, or a time with its offset from UTC; empty where
+    nobody says."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,9 +174,19 @@ class Project:
         return self.file.parent
 
     @property
+    def rules(self) -> JobRules:
+        """Limits by which it is judged."""
+        return self.block.rules
+
+    @property
+    def exposed(self) -> dict[str, str]:
+        """When each photo was taken, as far as that is known, of those that have a date."""
+        return {scan.photo_id: scan.taken for scan in self.scans.listed if scan.taken}
+
+    @property
     def taken(self) -> dict[str, str]:
         """Day, month or year of exposure by photo, of those that have one."""
-        return {scan.photo_id: scan.taken for scan in self.scans.listed if scan.taken}
+        return {name: time.partition("T")[0] for name, time in self.exposed.items()}
 
 
 def read_project(path: Path, *, brought: bool = False) -> Project:

@@ -145,7 +145,7 @@ class Run:
         for line in remarks(self.results.set_aside, self.doubts, page):
             self.voice.say(line)
         report = self.results.adjustment
-        for finding in [] if report is None else human_findings(report):
+        for finding in [] if report is None else human_findings(report, self.project.rules):
             if finding.grave:
                 self.voice.say(finding.sentence)
 
@@ -400,6 +400,8 @@ class Run:
             written=written_now(self.session.operator),
             decisions=self.session.decisions(),
             mosaic_version=version_on_disk(self.session.products),
+            rules=self.project.rules,
+            exposed=self.project.exposed,
             language=self.language,
             provenance={f"digest of {name}": text[:16] for name, text in self.digests.items()},
         )
@@ -439,7 +441,8 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
     }
     write_results(session.results, content.report)
     ahead = influence_of(content.report, content.adjustment, terrain=terrain_of(dem))
-    write_protocol(session.results, content.name, content.report, content.adjustment, ahead)
+    told = content.name, content.report, content.adjustment, ahead
+    write_protocol(session.results, *told, rules=content.rules)
     faults = standing_faults(content.decisions)
     write_table(session.results / REMARKS, REMARK_COLUMNS, remark_rows(content.decisions))
     session.write_layers(block, content.report, outlines, content.misfit, faults)

@@ -13,6 +13,7 @@ from typing import Any, cast
 from app.block_form import BlockForm
 from app.block_toml import FILE, RASTERS
 from app.folder_scan import DEPTH, VECTORS, Findings, find, folders_of_scans, is_plain, with_named
+from app.job_rules import rules_of
 from app.margin import read_scan
 from app.new_block import Recognition, recognise_files
 from app.placing import drawn_raw
@@ -468,18 +469,15 @@ def block_told(folder: Path) -> dict[str, Any]:
         figures = json.loads((folder / RESULTS / "report.json").read_text(encoding="utf-8"))
         told["sigma"] = figures["adjustment"]["sigma_nought"]
         told["m_p"] = figures["checked"]["figures"]["together"]["m_p"]
-    # A session that cannot be read is told of when its desk is opened.
-    with suppress(StorageError), Session.open(folder, "gruber") as session:
+    # What of them cannot be read is told of when the desk is opened.
+    with suppress(StorageError, ProjectError), Session.open(folder, "gruber") as session:
         decisions = session.decisions()
         told["open"] = sum(one.is_open for one in standing_faults(decisions))
         if not standing_signatures(decisions, {}):
             return told
         report = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
-        now = (
-            {}
-            if report is None
-            else judged_parts(decisions, report, version_on_disk(session.products))
-        )
+        version, rules = version_on_disk(session.products), rules_of(folder)
+        now = {} if report is None else judged_parts(decisions, report, version, rules)
         told["signed"] = [
             [one.recorded.who, one.said.verdict, one.holds]
             for one in standing_signatures(decisions, now)

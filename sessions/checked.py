@@ -10,6 +10,7 @@ from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.influence import Influence
 from core.mosaic.misfit import photos_shown
 from core.mosaic.seams import Seam
+from core.quality.job_rules import USUAL_RULES, JobRules
 from core.quality.readings import (
     Foretold,
     ReadingFigures,
@@ -72,6 +73,8 @@ def checked_by_hand(
     decisions: Sequence[Recorded],
     version: str,
     predicted: Predicted,
+    *,
+    rules: JobRules = USUAL_RULES,
 ) -> Checked | None:
     """What readings say of a mosaic; None without a plan.
 
@@ -80,6 +83,7 @@ def checked_by_hand(
         decisions: Everything recorded.
         version: Of the mosaic; empty where there is none.
         predicted: What they are compared with.
+        rules: Limits of the job.
     """
     plans = standing_plans(decisions)
     if not plans:
@@ -88,9 +92,10 @@ def checked_by_hand(
     freedom = predicted.freedom_at(_places_read(decisions, plans[-1], version))
     reference_m = float(2**0.5) * predicted.ortho_sigma_m
     foretold = compare_with_prediction(figures, predicted.relative_m, reference_m, freedom)
-    limit = release_limit_m(report.block)
+    limit = release_limit_m(report.block, rules)
     replaced = replaced_readings(decisions, version)
-    return Checked(figures, foretold, tuple(reading_findings(figures, limit, foretold, replaced)))
+    findings = reading_findings(figures, limit, foretold, replaced, rules=rules)
+    return Checked(figures, foretold, tuple(findings))
 
 
 def _places_read(

@@ -13,7 +13,9 @@ from core.block import Photo
 from core.geometry.camera import Camera
 from core.mosaic.composition import MosaicProduct
 from core.quality.check_plan import CheckPlace
-from core.quality.readings import RULES, Reading, ReadingFigures, reading_figures
+from core.quality.job_rules import USUAL_RULES, JobRules
+from core.quality.judged_rules import RULES
+from core.quality.readings import Reading, ReadingFigures, reading_figures
 from sessions.decisions import (
     PlanChecks,
     ReadCheck,
@@ -242,7 +244,10 @@ def _version_of_orthos(products: Products) -> str:
 
 
 def judged_parts(
-    decisions: Sequence[Recorded], report: AdjustmentReport, mosaic: str
+    decisions: Sequence[Recorded],
+    report: AdjustmentReport,
+    mosaic: str,
+    rules: JobRules = USUAL_RULES,
 ) -> Mapping[str, str]:
     """Digest of each part that a signature is about, as it is now.
 
@@ -250,6 +255,7 @@ def judged_parts(
         decisions: Everything recorded.
         report: The adjustment.
         mosaic: Version of the mosaic; empty where there is none.
+        rules: Limits of the job.
     """
     made = standing(changing(decisions))
     block = [item for item in made if not isinstance(item.decision, Withdraw)]
@@ -258,7 +264,7 @@ def judged_parts(
         for item in standing(decisions)
         if isinstance(item.decision, PlanChecks | ReadCheck) or is_of_a_fault(item.decision)
     ]
-    values = block, _orientation_of(report), mosaic, readings, RULES
+    values = block, _orientation_of(report), mosaic, readings, (RULES, rules)
     return {
         name: digest_of(name, value)[:DIGEST_SIGNS]
         for name, value in zip(PARTS, values, strict=True)

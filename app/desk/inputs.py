@@ -1,7 +1,7 @@
 """Everything the review desk of a block works on, and the work it may start."""
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -44,6 +44,7 @@ from core.localisation.stage import Localised
 from core.matching.patches import OpenPhoto
 from core.matching.reference import Reference, level_of, open_reference
 from core.progress import SILENT, Part, Progress
+from core.quality.job_rules import USUAL_RULES, JobRules
 from core.raster.ortho import Ortho
 from core.raster.scan_file import ScanFile, ScanFiles
 from core.results import BlockInput
@@ -163,6 +164,10 @@ class DeskInputs:
     """Runs the block from the desk."""
     looking: bool = False
     """The block's folder may not be written: nothing can be decided."""
+    rules: JobRules = USUAL_RULES
+    """Limits by which the block is judged."""
+    exposed: Mapping[str, str] = field(default_factory=dict[str, str])
+    """When each photo was taken, as far as that is known."""
     left: tuple[Seat, ...] = ()
     """Seats with drafts that the desk before this one left."""
 
@@ -212,6 +217,8 @@ def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
         ortho_sigma_m=desk.reference_sigma_m[0],
         ortho_pixel_m=desk.ortho.ground_sample_distance_m if desk.has_ortho else 0.0,
         mosaic_version=desk.mosaic_version(),
+        rules=desk.rules,
+        exposed=desk.exposed,
     )
 
 
@@ -228,11 +235,8 @@ def desk_inputs(
     placed = cast("Georeferenced | None", session.products.latest_value("georeference"))
     localised = cast("Localised | None", session.products.latest_value("localisation"))
     if assembly is None or placed is None:
-        raise ProjectError(
-            project.file,
-            "the block has no control points to review yet.",
-            say("Run it first: gruber run {folder}", folder=project.folder),
-        )
+        remedy = say("Run it first: gruber run {folder}", folder=project.folder)
+        raise ProjectError(project.file, "the block has no control points to review yet.", remedy)
     scans = ScanFiles(project.folder)
     files, block = given.reference, assembly.report.block.with_fixed_origin()
     reference = open_reference(files, placed.block.search_bounds, level_of(block))
@@ -262,6 +266,8 @@ def desk_inputs(
         reference_sigma_m=(files.ortho_sigma_m, files.ortho_sigma_m, files.dem_sigma_m),
         routes=(*export_routes(project, standing), *sheet_routes(project.file)),
         results=session.results,
+        rules=project.rules,
+        exposed=project.exposed,
         mosaic=MosaicFile(session, block.crs),
         remake=OrthoMaker(project, reference, operator),
         made=made,

@@ -18,11 +18,11 @@ from core.mosaic.comparison import (
 )
 from core.quality.check_points import (
     SPREAD_LEAST,
-    STANDARD_LEAST,
     independent_checks,
     kept_out,
 )
 from core.quality.control_count import ray_counts_of
+from core.quality.job_rules import USUAL_RULES, JobRules
 from core.quality.readings import circular_error_90, rms_interval
 from core.quality.residuals import film_patterns, residual_trends
 from sessions.readings import SAME_PLACE_PX
@@ -35,10 +35,11 @@ REACH = 4.0
 """What lies beyond so many times the RMS stands in no bar: it is counted apart."""
 
 
-def check_accuracy(report: AdjustmentReport) -> dict[str, Any]:
+def check_accuracy(report: AdjustmentReport, rules: JobRules = USUAL_RULES) -> dict[str, Any]:
     """The user's check points one by one and together; `count` is 0 where there are none.
 
-    Those that were proposals, or that nobody saw, stand apart under `kept_out`.
+    Those that were proposals, or that nobody saw, stand apart under `kept_out`; `least` is how many
+    a statement needs.
     """
     seen = report.block.independent_checks
     own = [check for check in report.checks if check.point_id in seen]
@@ -51,10 +52,10 @@ def check_accuracy(report: AdjustmentReport) -> dict[str, Any]:
         "rmse_height_m": rest.height_m,
     }
     if not own:
-        return {"count": 0, "points": [], "kept_out": apart}
+        return {"count": 0, "points": [], "kept_out": apart, "least": rules.check_points}
     differences = np.array([check.difference_m for check in own], dtype=np.float64)
     intersected = np.array([check.used_scans > 1 for check in own])
-    found = independent_checks(report)
+    found = independent_checks(report, rules)
     return {
         "count": len(own),
         "points": _points(report, own),
@@ -70,8 +71,9 @@ def check_accuracy(report: AdjustmentReport) -> dict[str, Any]:
         "ratio": found.ratio,
         "ratio_interval": list(found.ratio_interval),
         "independent_errors": found.freedom,
-        "asprs_least": STANDARD_LEAST,
+        "least": found.least,
         "enough": found.enough,
+        "asprs_least": USUAL_RULES.check_points,
     }
 
 

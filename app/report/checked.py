@@ -6,13 +6,13 @@ from typing import Any
 
 from app.report.tables import Cell
 from core.adjustment.adjusted import AdjustmentReport
+from core.quality.job_rules import USUAL_RULES, JobRules
+from core.quality.judged_rules import JudgedRule
 from core.quality.readings import (
     Foretold,
     PlanFigures,
     ReadingFigures,
-    judge_rules,
 )
-from core.quality.rules import Finding
 from sessions.checked import Checked
 from sessions.checks import (
     StandingPlan,
@@ -26,6 +26,7 @@ from sessions.checks import (
 )
 from sessions.decisions import Decision, Recorded, Withdraw, standing
 from sessions.remarks import standing_faults, standing_remarks
+from ui.review.rule_rows import source_of
 from ui.words.catalogue import Teller
 
 Figures = dict[str, Any]
@@ -67,7 +68,9 @@ def checked_part(
     decisions: Sequence[Recorded],
     version: str,
     checked: Checked | None,
-    findings: Sequence[Finding],
+    judged: Sequence[JudgedRule],
+    *,
+    rules: JobRules = USUAL_RULES,
 ) -> Figures:
     """Everything about checks that the report tells.
 
@@ -76,12 +79,14 @@ def checked_part(
         decisions: Everything recorded.
         version: Of the mosaic.
         checked: What readings say; None without a plan.
-        findings: Every finding about the block, those of readings among them.
+        judged: Every rule that concerns the block.
+        rules: Limits of the job.
     """
     plans = standing_plans(decisions)
+    now = judged_parts(decisions, report, version, rules)
     return {
         "plans": [_plan(one, decisions, version) for one in plans],
-        "figures": None if checked is None else _figures(checked.figures),
+        "figures": None if checked is None else _figures(checked.figures, rules),
         "prediction": None if checked is None else _prediction(checked.foretold),
         "readings": _readings(plans, decisions, version),
         "rules": [
@@ -90,12 +95,13 @@ def checked_part(
                 "grave": one.finding.grave,
                 "kind": one.finding.kind,
                 "sentence": one.finding.sentence,
+                "values": dict(one.finding.values),
                 "more": one.more,
-                "source": one.rule.source,
+                "source": source_of(one),
             }
-            for one in judge_rules(findings)
+            for one in judged
         ],
-        "signatures": signature_figures(decisions, judged_parts(decisions, report, version)),
+        "signatures": signature_figures(decisions, now),
         "remarks": remark_figures(decisions),
     }
 
@@ -207,13 +213,13 @@ def _plan(one: StandingPlan, decisions: Sequence[Recorded], version: str) -> Fig
     }
 
 
-def _figures(found: ReadingFigures) -> Figures:
+def _figures(found: ReadingFigures, rules: JobRules) -> Figures:
     return {
         "planned": found.planned,
         "read": found.read,
         "unreadable": found.unreadable,
         "doubled": found.doubled,
-        "enough": found.enough,
+        "enough": found.enough(rules),
         "together": plan_row(found.together),
         "observers": [{"who": who, **plan_row(one)} for who, one in found.by_observer.items()],
         "pairs": [

@@ -20,10 +20,15 @@ from app.report.accuracy import (
 )
 from app.report.checked import checked_part, decision_figures
 from app.report.mosaic import fault_figures, misfit_figures, mosaic_figures
-from app.report.protocol_figures import control_in_use, json_value, spread_figures
+from app.report.protocol_figures import (
+    control_in_use,
+    coverage_figures,
+    json_value,
+    spread_figures,
+)
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import Influence
-from core.block import Block, Measurement, Photo
+from core.block import Block, Photo
 from core.control.calibration_check import Bin, calibration_error
 from core.doubts import Doubt
 from core.geometry.camera import Camera
@@ -34,8 +39,18 @@ from core.mosaic.seam_fit import SeamFit
 from core.mosaic.seams import Seam
 from core.quality.assessment import assess_block
 from core.quality.controllability import unchecked_control
+from core.quality.job_rules import USUAL_RULES, JobRules
+from core.quality.judged_rules import judge_rules
 from core.quality.residuals import displacement
-from core.quality.rules import Finding, Release, check_release, human_doubts, judge_block
+from core.quality.rules import (
+    Finding,
+    Release,
+    check_release,
+    human_doubts,
+    judge_block,
+    predicted_finding,
+)
+from core.quality.sun import sun_findings
 from core.raster.holes import Hole
 from core.raster.ortho import Ortho
 from core.sheets.delivery import Delivery, sheet_figures
@@ -44,8 +59,6 @@ from sessions.decisions import Recorded
 from sessions.remarks import fault_findings, standing_faults
 from ui.words.catalogue import LANGUAGES
 
-CELLS = 3
-"""Cells a side in which the coverage of a photo is counted, as the Gruber points lie."""
 SHOWN_TIES = 4000
 """Tie points drawn in the block figure at most."""
 
@@ -123,13 +136,17 @@ class ReportContent:
     """Every decision of the session."""
     mosaic_version: str = ""
     """What the mosaic was made of, as readings of it say; empty where there is none."""
+    rules: JobRules = USUAL_RULES
+    """Limits by which the block is judged."""
+    exposed: Mapping[str, str] = field(default_factory=dict[str, str])
+    """When each photo was taken, as far as that is known."""
     language: str = LANGUAGES[0]
     """Of the page; the JSON knows one language."""
 
 
 def gather(content: ReportContent) -> dict[str, Any]:
     """All figures of a report, with nothing that JSON cannot hold: NaN becomes null."""
-    report = content.report
+    report, rules = content.report, content.rules
     block = report.block
     footprints = {
         name: content.footprints.get(name) or _level_footprint(photo, block.camera_of(name))
@@ -152,18 +169,16 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "decisions": decision_figures(content.decisions),
         "pointing": pointing_figures(block.measurements.values()),
         "block": _block_figures(content),
-        "adjustment": _adjustment_figures(report),
-        "checks": check_accuracy(report),
-        "checked": checked_part(
-            report, content.decisions, content.mosaic_version, checked, findings
-        ),
+        "adjustment": _adjustment_figures(report, rules),
+        "checks": check_accuracy(report, rules),
+        "checked": _checked_figures(content, findings, release, checked),
         "comparisons": [comparison_accuracy(*item) for item in content.comparisons.items()],
         "control": {**_control_figures(report), **control_in_use(report, content.influence)},
         "residuals": residual_figures(report),
         "parameters": parameter_figures(report),
         "reliability": _reliability(content),
-        "coverage": _coverage(report),
-        "control_spread": spread_figures(report, content.influence),
+        "coverage": coverage_figures(report),
+        "control_spread": spread_figures(report, content.influence, rules),
         "certificate": None if release is None else _release_figures(release),
         "ties": _tie_figures(report),
         "overlaps": _overlaps(block, footprints),
@@ -188,7 +203,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
 
 def _doubts(content: ReportContent) -> list[dict[str, Any]]:
     """What the engine is unsure of, and where a human and the block disagree; gravest first."""
-    doubts = (*human_doubts(content.report), *content.doubts)
+    doubts = (*human_doubts(content.report, content.rules), *content.doubts)
     return [
         {
             "kind": doubt.kind,
@@ -205,12 +220,17 @@ def _judged(
     content: ReportContent, standing: Mapping[str, Polygon]
 ) -> tuple[tuple[Finding, ...], Release | None, Checked | None]:
     """Every finding, whether the block may be given out, and what readings say of its mosaic."""
-    report = content.report
-    findings = judge_block(assess_block(report, standing), report, content.holes)
+    report, rules = content.report, content.rules
+    measured = assess_block(report, standing)
+    findings = (
+        *sun_findings(report.block, content.exposed, rules),
+        *judge_block(measured, report, content.holes, rules),
+    )
     release = _release(content, findings)
     relative_m = float("nan") if release is None else release.relative_m
     predicted = Predicted(relative_m, _ortho_sigma_m(content), content.influence, content.seams)
-    checked = checked_by_hand(report, content.decisions, content.mosaic_version, predicted)
+    version = content.mosaic_version
+    checked = checked_by_hand(report, content.decisions, version, predicted, rules=rules)
     more = (
         *(() if checked is None else checked.findings),
         *misfit_findings(content.likely_faults),
@@ -218,6 +238,22 @@ def _judged(
     )
     findings = tuple(sorted((*more, *findings), key=lambda one: -one.grave))
     return findings, None if release is None else release.with_findings(more), checked
+
+
+def _checked_figures(
+    content: ReportContent,
+    findings: Sequence[Finding],
+    release: Release | None,
+    checked: Checked | None,
+) -> dict[str, Any]:
+    """Checks, and every rule that concerns the block; position only where release was asked."""
+    if release is not None:
+        sigma_m = _ortho_sigma_m(content)
+        position = predicted_finding(release.relative_m, sigma_m, release.limit_m)
+        findings = (position, *findings)
+    decided, rules = (content.decisions, content.mosaic_version), content.rules
+    judged = judge_rules(findings, rules)
+    return checked_part(content.report, *decided, checked, judged, rules=rules)
 
 
 def _ortho_sigma_m(content: ReportContent) -> float:
@@ -229,7 +265,8 @@ def _release(content: ReportContent, findings: Sequence[Finding]) -> Release | N
     """Whether the block may be given out; None where that was not asked."""
     if content.influence is None and content.report.exterior_sigmas:
         return None
-    return check_release(content.report, content.influence, _ortho_sigma_m(content), findings)
+    sigma, rules = _ortho_sigma_m(content), content.rules
+    return check_release(content.report, content.influence, sigma, findings, rules=rules)
 
 
 def _release_figures(found: Release) -> dict[str, Any]:
@@ -260,9 +297,10 @@ def _block_figures(content: ReportContent) -> dict[str, Any]:
     }
 
 
-def _adjustment_figures(report: AdjustmentReport) -> dict[str, Any]:
+def _adjustment_figures(report: AdjustmentReport, rules: JobRules) -> dict[str, Any]:
     return {
         "sigma_nought": report.sigma_nought,
+        "sigma_nought_range": [rules.sigma_nought_low, rules.sigma_nought_high],
         "redundancy": report.redundancy,
         "iterations": report.iterations,
         "converged": report.converged,
@@ -304,48 +342,6 @@ def _control_figures(report: AdjustmentReport) -> dict[str, Any]:
             if final[point, scan][0] not in ("auto", "accepted")
         ],
     }
-
-
-def _coverage(report: AdjustmentReport) -> list[dict[str, Any]]:
-    """Used control and tie points in the nine cells of each photo, top row first."""
-    block, ties = report.block, report.block.ties
-    in_use = np.isfinite(report.tie_residuals_px).all(axis=1)
-    coverage: list[dict[str, Any]] = []
-    for name, photo in block.photos.items():
-        used = [m for m in block.measurements.values() if m.photo_id == name]
-        used = [m for m in used if _steers(report, m)]
-        control = np.array([[m.column, m.row] for m in used], dtype=np.float64).reshape(-1, 2)
-        number = ties.photo_ids.index(name) if name in ties.photo_ids else -1
-        tied = ties.pixels[(ties.photo == number) & in_use]
-        camera = block.camera_of(name)
-        cells = _cells(photo, camera, control)
-        coverage.append(
-            {
-                "scan": name,
-                "control": cells,
-                "ties": _cells(photo, camera, tied),
-                "control_cells": int(np.count_nonzero(cells)),
-                "rms_px": _rms([report.residuals_px.get(m.key, (np.nan, np.nan)) for m in used]),
-            }
-        )
-    return coverage
-
-
-def _steers(report: AdjustmentReport, measurement: Measurement) -> bool:
-    role = report.block.surveyed[measurement.point_id].role
-    return role == "control" and report.final_status(measurement)[0] in ("auto", "accepted")
-
-
-def _cells(photo: Photo, camera: Camera, pixels: np.ndarray) -> list[list[int]]:
-    film = photo.interior.film_from_pixel(pixels) / np.array(camera.frame_mm) + 0.5
-    columns, rows = np.clip((film * CELLS).astype(int), 0, CELLS - 1).T
-    counts = np.zeros((CELLS, CELLS), dtype=int)
-    np.add.at(counts, (CELLS - 1 - rows, columns), 1)
-    return counts.tolist()
-
-
-def _rms(residuals: list[tuple[float, float]]) -> float | None:
-    return float(np.sqrt(np.mean(np.square(residuals)))) if residuals else None
 
 
 def _tie_figures(report: AdjustmentReport) -> dict[str, Any]:

@@ -10,7 +10,6 @@ import io
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -58,13 +57,12 @@ from app.report.wording import (
     refused_told,
     status_counts,
 )
-from core.quality.check_points import STANDARD_LEAST
-from core.quality.rules import MANY_AGAINST
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
 from core.said import Said
 from sessions.atomic_write import whole_file
 from ui import web
+from ui.review.rule_rows import JOB, LIMIT_TEXTS, VALUE_TEXTS
 from ui.review.scene import short_names
 from ui.words.catalogue import Teller
 
@@ -80,16 +78,6 @@ CHAPTERS = (
 """In the order of the page; those of readings and of the mosaic only where there are any."""
 
 Figures = dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class _Requirement:
-    """One row: findings that tell of it, and the texts of name, limit and value."""
-
-    name: str
-    limit: str
-    values: Mapping[str, str]
-    """Text of the value, by kind of finding."""
 
 
 def write_report(folder: Path, content: ReportContent) -> tuple[Path, Path]:
@@ -186,7 +174,7 @@ def render(
         ortho=ortho_jpeg,
         **(_mosaic_drawn(mosaic, mosaic_jpeg, tell) if mosaic else {}),
         longest=LONGEST_TABLE,
-        least=STANDARD_LEAST,
+        least=figures["checks"]["least"],
     )
 
 
@@ -298,139 +286,27 @@ def _filters(tell: Teller) -> dict[str, Callable[..., str]]:
     }
 
 
-def _either(value: str, *kinds: str) -> dict[str, str]:
-    return dict.fromkeys(kinds, value)
-
-
-NONE, PLAIN, COUNT = "report.value.none", "report.value.plain", "report.value.count"
-REQUIREMENTS = (
-    _Requirement(
-        "report.want.read", "report.limit.least",
-        _either("report.value.read", "read", "read-few"),
-    ),
-    _Requirement(
-        "report.want.read-position", "report.limit.metres",
-        _either("report.value.interval", "read-within", "read-over"),
-    ),
-    _Requirement(
-        "report.want.shift", "report.limit.chance",
-        _either("report.value.shift", "read-shifted", "read-unshifted"),
-    ),
-    _Requirement(
-        "report.want.second", "report.limit.least",
-        {**_either("report.value.doubled", "second", "second-few"), "second-none": NONE},
-    ),
-    _Requirement(
-        "report.want.prediction", "report.limit.range",
-        _either("report.value.ratio", "read-as-predicted", "read-worse", "read-better"),
-    ),
-    _Requirement(
-        "report.want.against", "report.limit.none",
-        {
-            **_either("report.value.against", "contradicted", "contradicted-far"),
-            **_either("report.value.against", "contradicted-check", MANY_AGAINST),
-            "agreed": "report.value.agreed",
-        },
-    ),
-    _Requirement(
-        "report.want.sigma", "report.limit.range",
-        _either(PLAIN, "sigma", "sigma-off", "sigma-far", "sigma-none"),
-    ),
-    _Requirement("report.want.oriented", "report.limit.none", {"oriented": NONE, "loose": COUNT}),
-    _Requirement(
-        "report.want.control", "report.limit.control",
-        _either("report.value.control", "control", "control-gaps", "control-few"),
-    ),
-    _Requirement(
-        "report.want.edge-plan", "report.limit.bases",
-        _either("report.value.bases", "edge-plan", "edge-gap-plan"),
-    ),
-    _Requirement(
-        "report.want.edge-heights", "report.limit.bases",
-        _either("report.value.bases", "edge-heights", "edge-gap-heights"),
-    ),
-    _Requirement(
-        "report.want.checks", "report.limit.least",
-        {
-            "no-checks": NONE, "one-check": "report.value.one-check",
-            **_either(
-                "report.value.checks", "checks-few", "checks", "checks-better", "checks-worse",
-                "checks-over",
-            ),
-        },
-    ),
-    _Requirement(
-        "report.want.rays", "report.limit.least-percent",
-        _either("report.value.percent", "rays", "rays-few"),
-    ),
-    _Requirement(
-        "report.want.pattern", "report.limit.stand-out",
-        _either("report.value.pattern", "no-pattern", "systematic"),
-    ),
-    _Requirement(
-        "report.want.tilt", "report.limit.degrees",
-        _either("report.value.degrees", "tilt", "tilt-over"),
-    ),
-    _Requirement(
-        "report.want.crab", "report.limit.degrees",
-        _either("report.value.degrees", "crab", "crab-over"),
-    ),
-    _Requirement(
-        "report.want.along", "report.limit.least-percent",
-        _either("report.value.range", "along", "along-small"),
-    ),
-    _Requirement(
-        "report.want.across", "report.limit.least-percent",
-        _either("report.value.range", "across", "across-small"),
-    ),
-    _Requirement(
-        "report.want.holes", "report.limit.none",
-        {"no-holes": NONE, "holes": "report.value.holes"},
-    ),
-    _Requirement(
-        "report.want.misfit", "report.limit.none", {"misfit-places": "report.value.misfit"}
-    ),
-    _Requirement(
-        "report.want.faults", "report.limit.none-open",
-        _either("report.value.open", "faults", "faults-open"),
-    ),
-)  # fmt: skip
-
-
 def requirements(figures: Figures, tell: Teller) -> list[Figures]:
-    """Rows of the table: requirement, value, limit, result and how grave it is.
+    """Rows of the table of rules: what is asked, value, limit, who asks it, and the result.
 
     Args:
-        figures: Those of the report, with `verdict` and `certificate`.
+        figures: Those of the report, with what was `checked`.
         tell: The language.
     """
-    rows = [*_position(figures["certificate"], tell)]
-    for wanted in REQUIREMENTS:
-        told = [one for one in figures["verdict"] if one["kind"] in wanted.values]
-        if not told:
-            continue
-        first = told[0]
-        value = tell(wanted.values[first["kind"]], **first)
-        if more := sum(one["stands_for"] for one in told[1:]):
-            value = tell("report.value.more", value=value, more=more)
-        limit = tell(wanted.limit, **first)
-        rows.append(_row(tell, wanted.name, value, limit, first["grave"]))
+    rows: list[Figures] = []
+    for one in figures["checked"]["rules"]:
+        value = tell(VALUE_TEXTS[one["kind"]], **one["values"])
+        if one["more"]:
+            value = tell("rules.value.more", value=value, more=one["more"])
+        rows.append(
+            {
+                "name": tell(f"rule.{one['rule']}"),
+                "value": value,
+                "limit": tell(LIMIT_TEXTS[one["rule"]], **one["values"]),
+                "source": tell(f"rules.source.{one['source']}"),
+                "by_job": one["source"] == JOB,
+                "grave": one["grave"],
+                "result": tell(f"report.result.{one['grave']}"),
+            }
+        )
     return rows
-
-
-def _position(certificate: Figures | None, tell: Teller) -> Sequence[Figures]:
-    """What is predicted of the ground; nothing where that was not asked."""
-    if certificate is None:
-        return ()
-    predicted, limit = certificate["predicted_m"], certificate["limit_m"]
-    known = predicted is not None
-    good = known and "predicted" not in certificate["reasons"]
-    metres = "report.value.metres"
-    value = tell(metres, value=predicted) if known else tell("report.value.unknown")
-    limit = tell(metres, value=limit)
-    return [_row(tell, "report.want.position", value, limit, 0 if good else 2)]
-
-
-def _row(tell: Teller, name: str, value: str, limit: str, grave: int) -> Figures:
-    result = tell(f"report.result.{grave}")
-    return {"name": tell(name), "value": value, "limit": limit, "grave": grave, "result": result}

@@ -8,6 +8,7 @@ from typing import Any, cast
 from app.report.protocol_figures import json_value, protocol_figures
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import Influence
+from core.quality.job_rules import USUAL_RULES, JobRules
 from sessions.atomic_write import whole_file
 
 CLASSES = {
@@ -28,6 +29,8 @@ def write_protocol(
     report: AdjustmentReport,
     options: AdjustmentOptions,
     influence: Influence | None,
+    *,
+    rules: JobRules = USUAL_RULES,
 ) -> tuple[Path, Path]:
     """Write the protocol of an adjustment, each file whole or not at all.
 
@@ -37,8 +40,10 @@ def write_protocol(
         report: The adjusted block.
         options: What it was adjusted with.
         influence: Its equations; None where no photo took part.
+        rules: Limits of the job.
     """
-    figures = cast("dict[str, Any]", json_value(protocol_figures(name, report, options, influence)))
+    told = protocol_figures(name, report, options, influence, rules=rules)
+    figures = cast("dict[str, Any]", json_value(told))
     text_path, json_path = folder / "adjustment.txt", folder / "adjustment.json"
     with whole_file(json_path) as temporary:
         text = json.dumps(figures, indent=1, ensure_ascii=False, allow_nan=False)

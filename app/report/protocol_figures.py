@@ -10,14 +10,19 @@ from app.report.accuracy import parameter_figures, rms_columns
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport, ClassFigures
 from core.adjustment.influence import Influence, LeftOut, Reliability
 from core.adjustment.reliability import TestLimits
+from core.block import Measurement, Photo
+from core.geometry.camera import Camera
 from core.literature.methods import compare_methods
 from core.quality.control_count import ControlSpread, RayCounts, count_control, ray_counts_of
 from core.quality.control_design import Want, wanted_control
-from core.quality.rules import EDGE_BASES, PER_MODEL, STRIP_POINTS, doubts_of
+from core.quality.job_rules import USUAL_RULES, JobRules
+from core.quality.rules import doubts_of
 
 AXES = ("X", "Y", "Z")
 PLACES = ("NW", "N", "NE", "W", "centre", "E", "SW", "S", "SE")
 """The nine places of a photo, as they lie on the film."""
+CELLS = 3
+"""Cells a side in which the coverage of a photo is counted, as the Gruber points lie."""
 
 
 def protocol_figures(
@@ -25,6 +30,8 @@ def protocol_figures(
     report: AdjustmentReport,
     options: AdjustmentOptions,
     influence: Influence | None,
+    *,
+    rules: JobRules = USUAL_RULES,
 ) -> dict[str, Any]:
     """All figures of an adjustment.
 
@@ -33,6 +40,7 @@ def protocol_figures(
         report: The adjusted block.
         options: What it was adjusted with.
         influence: Its equations; None where no photo took part.
+        rules: Limits of the job.
     """
     counts = ray_counts_of(report)
     corners = {} if influence is None else influence.corner_sigmas()
@@ -46,7 +54,7 @@ def protocol_figures(
         "ties": _ties(report, counts),
         "photos": _photos(report, counts, {n: scale * s for n, s in corners.items()}),
         "control": _control(report, influence, scale),
-        "control_spread": spread_figures(report, influence),
+        "control_spread": spread_figures(report, influence, rules),
         "checks": _checks(report),
         "methods": _methods(report) if options.compare_methods else [],
         "rms_m": dict(report.rms_m),
@@ -54,7 +62,7 @@ def protocol_figures(
         "excluded": _excluded(report),
         "doubts": [
             {"kind": d.kind, "subject": d.subject, "message": d.message, "gravity": d.gravity}
-            for d in sorted(doubts_of(report), key=lambda doubt: -doubt.gravity)
+            for d in sorted(doubts_of(report, rules=rules), key=lambda doubt: -doubt.gravity)
         ],
     }
 
@@ -372,37 +380,40 @@ def _mean(values: list[float]) -> float | None:
     return float(np.mean(values)) if values else None
 
 
-def spread_figures(report: AdjustmentReport, influence: Influence | None) -> dict[str, Any]:
+def spread_figures(
+    report: AdjustmentReport, influence: Influence | None, rules: JobRules = USUAL_RULES
+) -> dict[str, Any]:
     """Control against the rules, and the places where one more point would help most.
 
     Args:
         report: The adjusted block.
         influence: Its equations; None where no photo took part.
+        rules: Limits of the job.
     """
     count = count_control(report)
     scale = report.unit
     wants = () if influence is None else wanted_control(influence)
-    rules = None if count is None else {
+    spread = None if count is None else {
         "base_m": count.base_m,
         "models": count.models,
-        "strip_points_least": STRIP_POINTS,
+        "strip_points_least": rules.strip_points,
         "poorest_strip": {"scan": count.poorest_strip[0], "points": count.poorest_strip[1]},
-        "plan": _spread(count.plan, 0),
-        "heights": _spread(count.heights, 1),
+        "plan": _spread(count.plan, rules.edge_plan_bases, rules.inside_plan),
+        "heights": _spread(count.heights, rules.edge_heights_bases, rules.inside_heights),
         "check_share": count.check_share,
     }  # fmt: skip
-    return {"rules": rules, "wanted": [_want(want, scale) for want in wants]}
+    return {"rules": spread, "wanted": [_want(want, scale) for want in wants]}
 
 
-def _spread(spread: ControlSpread, kind: int) -> dict[str, Any]:
+def _spread(spread: ControlSpread, bases: float, per_model: float) -> dict[str, Any]:
     return {
         "points": spread.points,
         "edge_gap_bases": spread.gap.bases,
-        "edge_gap_most": EDGE_BASES[kind],
+        "edge_gap_most": bases,
         "edge_gap_at": spread.gap.middle.tolist(),
         "edge_gap_scan": spread.gap.photo_id,
         "per_model": spread.per_model,
-        "per_model_least": PER_MODEL[kind],
+        "per_model_least": per_model,
     }
 
 
@@ -416,6 +427,48 @@ def _want(want: Want, scale: float) -> dict[str, Any]:
         "sigma_then_m": scale * want.sigma_then_m,
         "worst_then_m": scale * want.worst_then_m,
     }
+
+
+def coverage_figures(report: AdjustmentReport) -> list[dict[str, Any]]:
+    """Used control and tie points in the nine cells of each photo, top row first."""
+    block, ties = report.block, report.block.ties
+    in_use = np.isfinite(report.tie_residuals_px).all(axis=1)
+    coverage: list[dict[str, Any]] = []
+    for name, photo in block.photos.items():
+        used = [m for m in block.measurements.values() if m.photo_id == name]
+        used = [m for m in used if _steers(report, m)]
+        control = np.array([[m.column, m.row] for m in used], dtype=np.float64).reshape(-1, 2)
+        number = ties.photo_ids.index(name) if name in ties.photo_ids else -1
+        tied = ties.pixels[(ties.photo == number) & in_use]
+        camera = block.camera_of(name)
+        cells = _cells(photo, camera, control)
+        coverage.append(
+            {
+                "scan": name,
+                "control": cells,
+                "ties": _cells(photo, camera, tied),
+                "control_cells": int(np.count_nonzero(cells)),
+                "rms_px": _rms([report.residuals_px.get(m.key, (np.nan, np.nan)) for m in used]),
+            }
+        )
+    return coverage
+
+
+def _steers(report: AdjustmentReport, measurement: Measurement) -> bool:
+    role = report.block.surveyed[measurement.point_id].role
+    return role == "control" and report.final_status(measurement)[0] in ("auto", "accepted")
+
+
+def _cells(photo: Photo, camera: Camera, pixels: np.ndarray) -> list[list[int]]:
+    film = photo.interior.film_from_pixel(pixels) / np.array(camera.frame_mm) + 0.5
+    columns, rows = np.clip((film * CELLS).astype(int), 0, CELLS - 1).T
+    counts = np.zeros((CELLS, CELLS), dtype=int)
+    np.add.at(counts, (CELLS - 1 - rows, columns), 1)
+    return counts.tolist()
+
+
+def _rms(residuals: list[tuple[float, float]]) -> float | None:
+    return float(np.sqrt(np.mean(np.square(residuals)))) if residuals else None
 
 
 def json_value(value: Any) -> Any:

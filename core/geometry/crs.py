@@ -249,13 +249,20 @@ def _transformer(source: str, target: str) -> Transformer:
     return Transformer.from_crs(source, target, always_xy=True)
 
 
+def degrees_of(crs: str, points: Num[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
+    """Longitude and latitude of points, for judging and not for moving; NaN where nobody knows."""
+    degrees = np.full(points.shape, np.nan)
+    with suppress(ProjError):
+        there = _transformer(crs, "EPSG:4326")
+        degrees = np.column_stack(there.transform(points[:, 0], points[:, 1], errcheck=False))
+    degrees[~np.isfinite(degrees)] = np.nan
+    return degrees
+
+
 def _degrees_around(source: str, points: Num[np.ndarray, "n 2"]) -> Bounds:
     """Longitudes and latitudes that points lie between; the whole Earth where nobody knows."""
-    places = np.zeros((0, 2))
-    with suppress(ProjError):
-        there = _transformer(source, "EPSG:4326")
-        places = np.column_stack(there.transform(points[:, 0], points[:, 1], errcheck=False))
-        places = places[np.isfinite(places).all(axis=1)]
+    places = degrees_of(source, points)
+    places = places[np.isfinite(places).all(axis=1)]
     if not len(places):
         return -180.0, -90.0, 180.0, 90.0
     return bounds_of(places)

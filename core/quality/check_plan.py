@@ -19,7 +19,7 @@ from shapely.geometry.base import BaseGeometry
 
 from core.geometry.crs import Bounds, PlanePoints, shared_bounds
 from core.progress import SILENT, Progress
-from core.quality.check_points import STANDARD_LEAST
+from core.quality.job_rules import USUAL_RULES
 from core.quality.lasting import AROUND_PX, FINEST_M, LastingPlaces, best_first, lasting_places
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
@@ -85,6 +85,8 @@ class PlanRequest:
     """Of the photos on the ground, metres: what is finer in the reference they do not show."""
     cells: tuple[int, int] | None = None
     """Columns and rows of the grid; as many as give enough places when None."""
+    least: int = USUAL_RULES.readings
+    """So many places are enough."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,11 +101,6 @@ class DrawnPlan:
     """Cells with ground of the block in which the reference shows nothing well."""
 
     @property
-    def enough(self) -> bool:
-        """Whether the standard allows a statement when all places are read."""
-        return self.count >= STANDARD_LEAST
-
-    @property
     def count(self) -> int:
         """Places without the spares."""
         return sum(not place.after for place in self.places)
@@ -112,7 +109,7 @@ class DrawnPlan:
 def draw_places(request: PlanRequest, progress: Progress = SILENT) -> DrawnPlan:
     """Draw one place, and spares, for each cell of a grid over the block's ground.
 
-    A grid that is not asked for is made finer until thirty cells have a place.
+    A grid that is not asked for is made finer until enough cells have a place.
 
     Args:
         request: Ground, reference, control and grid.
@@ -125,7 +122,7 @@ def draw_places(request: PlanRequest, progress: Progress = SILENT) -> DrawnPlan:
     offered = _offered(request, list(_cells(bounds, first)), progress)
     drawn = _draw(request, bounds, first, offered)
     finer = 1
-    while request.cells is None and not drawn.enough:
+    while request.cells is None and drawn.count < request.least:
         long, short = USUAL_CELLS[0] + finer, USUAL_CELLS[1] + finer
         if long > MOST_CELLS[0] or short > MOST_CELLS[1]:
             break
@@ -149,8 +146,8 @@ def _offered(request: PlanRequest, cells: list[Polygon], progress: Progress) -> 
         seen.append(found.chosen(shapely.contains_xy(cell, found.places)))
     progress.report(1, 1)
     found = best_first(seen, 2 * AROUND_PX * pixel)
-    # The standard asks for thirty, so the thirtieth is clear; half as clear is still shown.
-    clear = np.sort(found.clearness[~found.junction])[-STANDARD_LEAST:]
+    # Thirty are asked for, so the thirtieth is clear; half as clear is still shown.
+    clear = np.sort(found.clearness[~found.junction])[-request.least :]
     kept = found.clearness >= clear.min(initial=np.inf) / 2
     kept &= shapely.contains_xy(request.ground.buffer(-RIM_M), found.places)
     if len(request.control):

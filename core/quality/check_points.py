@@ -15,10 +15,8 @@ from scipy.special import chdtri
 
 from core.adjustment.adjusted import AdjustmentReport, CheckResult
 from core.block import Block
+from core.quality.job_rules import USUAL_RULES, JobRules
 
-# source: ASPRS Positional Accuracy Standards, edition 2 (2023): fewer allow no statement.
-STANDARD_LEAST = 30
-"""Check points that any statement of ours needs: the one limit of their number."""
 # source: a deviation about a mean needs three values to be one.
 SPREAD_LEAST = 3
 """Fewer values than these have no spread to compare their mean with."""
@@ -43,6 +41,8 @@ class CheckFigures:
     """RMS of what the adjustment and the survey predict of the differences in plan, metres."""
     freedom: float
     """So many independent errors the differences in plan are worth."""
+    least: int
+    """So many points a statement needs."""
 
     @property
     def fit_plan_m(self) -> float:
@@ -66,8 +66,8 @@ class CheckFigures:
 
     @property
     def enough(self) -> bool:
-        """Whether the standard allows a statement."""
-        return self.count >= STANDARD_LEAST
+        """Whether they allow a statement."""
+        return self.count >= self.least
 
     @property
     def ratio(self) -> float:
@@ -99,7 +99,7 @@ class CheckFigures:
         Args:
             limit_m: Position error on the ground up to which the block is released, metres.
         """
-        told = {"count": str(self.count), "least": str(STANDARD_LEAST)}
+        told = {"count": str(self.count), "least": str(self.least)}
         if not self.count:
             return "no-checks", told
         told["value"] = f"{self.plan_m:.2f}"
@@ -115,15 +115,16 @@ class CheckFigures:
         return "checks-better" if self.ratio < low else "checks", told
 
 
-def independent_checks(report: AdjustmentReport) -> CheckFigures:
+def independent_checks(report: AdjustmentReport, rules: JobRules = USUAL_RULES) -> CheckFigures:
     """Figures of the check points that the user brought and somebody saw.
 
     Args:
         report: The adjustment.
+        rules: Limits of the job.
     """
     own = report.block.independent_checks
     chosen = [check for check in report.checks if check.point_id in own]
-    return _figures(report.block, chosen, report.check_freedom)
+    return _figures(report.block, chosen, report.check_freedom, rules.check_points)
 
 
 def kept_out(report: AdjustmentReport) -> CheckFigures:
@@ -134,10 +135,12 @@ def kept_out(report: AdjustmentReport) -> CheckFigures:
     """
     own = report.block.independent_checks
     chosen = [check for check in report.checks if check.point_id not in own]
-    return _figures(report.block, chosen, 0.0)
+    return _figures(report.block, chosen, 0.0, USUAL_RULES.check_points)
 
 
-def _figures(block: Block, checks: Sequence[CheckResult], freedom: float) -> CheckFigures:
+def _figures(
+    block: Block, checks: Sequence[CheckResult], freedom: float, least: int
+) -> CheckFigures:
     """Figures of some check points; with no `freedom` each coordinate is an error by itself."""
     own = [check for check in checks if check.used_scans > 1]
     off = np.array([check.difference_m for check in checks]).reshape(-1, 3)
@@ -155,6 +158,7 @@ def _figures(block: Block, checks: Sequence[CheckResult], freedom: float) -> Che
         (survey, _rms(survey_high)),
         float(np.hypot(predicted, survey)),
         freedom or 2.0 * len(checks),
+        least,
     )
 
 

@@ -1,11 +1,8 @@
-"""Figures of a mosaic from readings (one detail marked in it and in the reference), and rules.
+"""Figures of a mosaic from readings: one detail marked in it and in the reference.
 
 All differences are product minus reference, easting and northing, metres. Names are those of the
 report on the Czech orthophoto (tables 5 to 8): c the mean, m the root mean square about nought, m_p
 both axes together.
-
-Limits stand where findings are made (here and in `core.quality.rules`). Here
-every rule has the findings that tell of it and its source, and is judged by itself.
 """
 
 from collections import defaultdict
@@ -17,8 +14,9 @@ from jaxtyping import Float64
 from scipy.special import chdtri, stdtr
 
 from core.geometry.robust import robust_sigma
-from core.quality.check_points import SPREAD_LEAST, STANDARD_LEAST, TAILS
-from core.quality.rules import DOUBTFUL, MANY_AGAINST, POOR, SOUND, Finding
+from core.quality.check_points import SPREAD_LEAST, TAILS
+from core.quality.job_rules import USUAL_RULES, JobRules
+from core.quality.rules import DOUBTFUL, POOR, SOUND, Finding
 
 PlaneShifts = Float64[np.ndarray, "n 2"]
 """Product minus reference (easting, northing), metres."""
@@ -27,9 +25,6 @@ Pair = tuple[float, float]
 # source: convention, one wrong alarm in twenty.
 SIGNIFICANT = 0.05
 """A mean is not nought when chance brings it about less often than this."""
-# design: of 30 places nine, whose scatter is then known to a third.
-DOUBLED_SHARE = 0.3
-"""Share of the places that a second observer should read."""
 NOT_KNOWN = float("nan")
 
 
@@ -147,15 +142,13 @@ class ReadingFigures:
         """Share of the mean square difference that is the observer's; NaN where not known."""
         return min(1.0, (self.observer_m / self.together.m_p) ** 2)
 
-    @property
-    def enough(self) -> bool:
-        """Whether the standard allows a statement."""
-        return self.read >= STANDARD_LEAST
+    def enough(self, rules: JobRules = USUAL_RULES) -> bool:
+        """Whether they allow a statement."""
+        return self.read >= rules.readings
 
-    @property
-    def doubled_enough(self) -> bool:
-        """Whether enough places were read twice."""
-        return self.read > 0 and self.doubled >= DOUBLED_SHARE * self.read
+    def doubled_least(self, rules: JobRules = USUAL_RULES) -> int:
+        """So many of the places that were read a second observer should read."""
+        return int(np.ceil(rules.second_readings_percent * self.read / 100))
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,83 +169,6 @@ class Foretold:
         if not np.isfinite([self.ratio, low, high]).all():
             return "unknown"
         return "worse" if self.ratio > high else "better" if self.ratio < low else "as-predicted"
-
-
-@dataclass(frozen=True, slots=True)
-class Rule:
-    """One rule."""
-
-    name: str
-    """Key of its text."""
-    kinds: tuple[str, ...]
-    """Findings that tell of it, kept or broken."""
-    source: str
-    """Key of the text that says who asks it."""
-
-
-@dataclass(frozen=True, slots=True)
-class JudgedRule:
-    """A rule with what a block makes of it."""
-
-    rule: Rule
-    """The rule."""
-    finding: Finding
-    """The gravest finding about it."""
-    more: int
-    """Further findings about it that are not sound."""
-
-
-# source: the authority of each rule: ASPRS Positional Accuracy Standards, edition 2 (2023); Czech
-# instruction for the renewal of cadastral maps; national specifications for aerial survey; the
-# parameters of the Czech orthophoto (m_p, two observers); and what Gruber itself promises.
-ASPRS, INSTRUCTION, SURVEY, ORTHOPHOTO, GRUBER = (
-    "asprs",
-    "instruction",
-    "survey",
-    "orthophoto",
-    "gruber",
-)
-RULES: tuple[Rule, ...] = (
-    Rule("read", ("read", "read-few", "read-replaced"), ASPRS),
-    Rule("position", ("read-within", "read-over", "predicted"), GRUBER),
-    Rule("shift", ("read-shifted", "read-unshifted"), ORTHOPHOTO),
-    Rule("second", ("second", "second-few", "second-none"), ORTHOPHOTO),
-    Rule("prediction", ("read-as-predicted", "read-worse", "read-better"), GRUBER),
-    Rule(
-        "checks",
-        (
-            "no-checks",
-            "one-check",
-            "checks-few",
-            "checks",
-            "checks-better",
-            "checks-worse",
-            "checks-over",
-        ),
-        ASPRS,
-    ),
-    Rule(
-        "against",
-        ("contradicted", "contradicted-far", "contradicted-check", MANY_AGAINST, "agreed"),
-        GRUBER,
-    ),
-    Rule("sigma", ("sigma", "sigma-off", "sigma-far", "sigma-none", "diverged"), GRUBER),
-    Rule("oriented", ("oriented", "loose"), GRUBER),
-    Rule("control", ("control", "control-gaps", "control-few", "control-on-a-line"), INSTRUCTION),
-    Rule("strips", ("strip-few",), INSTRUCTION),
-    Rule("edge", ("edge-plan", "edge-gap-plan", "edge-heights", "edge-gap-heights"), INSTRUCTION),
-    Rule("inside", ("inside-few-plan", "inside-few-heights"), INSTRUCTION),
-    Rule("rays", ("rays", "rays-few", "no-ties", "in-parts", "one-photo"), GRUBER),
-    Rule("pattern", ("no-pattern", "systematic"), GRUBER),
-    Rule("tilt", ("tilt", "tilt-over"), SURVEY),
-    Rule("crab", ("crab", "crab-over"), SURVEY),
-    Rule("along", ("along", "along-small"), SURVEY),
-    Rule("across", ("across", "across-small"), SURVEY),
-    Rule("holes", ("no-holes", "holes"), SURVEY),
-    Rule("misfit", ("misfit-places",), GRUBER),
-    Rule("faults", ("faults", "faults-open"), GRUBER),
-)
-"""In the order in which a reviewer reads them; one without findings does not concern the block."""
 
 
 def reading_figures(
@@ -422,7 +338,12 @@ def _pair(values: Float64[np.ndarray, "2"]) -> Pair:
 
 
 def reading_findings(
-    found: ReadingFigures, limit_m: float, foretold: Foretold | None = None, replaced: int = 0
+    found: ReadingFigures,
+    limit_m: float,
+    foretold: Foretold | None = None,
+    replaced: int = 0,
+    *,
+    rules: JobRules = USUAL_RULES,
 ) -> Iterator[Finding]:
     """Whether enough was read, how good the mosaic is, and whether that was predicted.
 
@@ -432,16 +353,18 @@ def reading_findings(
         foretold: What was predicted; None where that is not known.
         replaced: Places that were read for earlier plans: whoever dislikes what is read may not
             silently plan anew.
+        rules: Limits of the job.
     """
-    if replaced:
-        yield Finding("read-replaced", DOUBTFUL, {"count": str(replaced)})
     told = {
         "read": str(found.read),
         "planned": str(found.planned),
-        "least": str(STANDARD_LEAST),
+        "least": str(rules.readings),
         "unreadable": str(found.unreadable),
     }
-    yield Finding("read" if found.enough else "read-few", int(not found.enough), told)
+    if replaced:
+        yield Finding("read-replaced", DOUBTFUL, {**told, "count": str(replaced)})
+    enough = found.enough(rules)
+    yield Finding("read" if enough else "read-few", int(not enough), told)
     if not found.read:
         return
     together = found.together
@@ -458,15 +381,16 @@ def reading_findings(
         shift = {"east": f"{together.mean_m[0]:+.2f}", "north": f"{together.mean_m[1]:+.2f}"}
         shifted = any(together.shifted)
         yield Finding("read-shifted" if shifted else "read-unshifted", int(shifted), shift)
-    least = -(-found.read * int(100 * DOUBLED_SHARE) // 100)
+    least = found.doubled_least(rules)
     second = {"doubled": str(found.doubled), "read": str(found.read), "least": str(least)}
     if found.doubled:
         second |= {
             "value": f"{found.observer_m:.2f}",
             "share": f"{100 * found.observer_share:.0f}",
         }
-    kind = "second" if found.doubled_enough else "second-few"
-    yield Finding(kind if found.doubled else "second-none", int(kind != "second"), second)
+    kind = "second" if found.doubled >= least else "second-few"
+    kind = kind if found.doubled or not least else "second-none"
+    yield Finding(kind, int(kind != "second"), second)
     if foretold is not None and foretold.said != "unknown":
         yield _against_prediction(foretold)
 
@@ -481,16 +405,3 @@ def _against_prediction(foretold: Foretold) -> Finding:
     }
     grave = DOUBTFUL if foretold.said == "worse" else SOUND
     return Finding(f"read-{foretold.said}", grave, told)
-
-
-def judge_rules(findings: Sequence[Finding]) -> tuple[JudgedRule, ...]:
-    """Every rule that concerns a block, with the gravest finding about it."""
-    judged: list[JudgedRule] = []
-    for rule in RULES:
-        about = sorted(
-            (one for one in findings if one.kind in rule.kinds), key=lambda one: -one.grave
-        )
-        if about:
-            more = sum(one.stands_for for one in about[1:] if one.grave)
-            judged.append(JudgedRule(rule, about[0], more))
-    return tuple(judged)

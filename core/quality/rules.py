@@ -1,8 +1,6 @@
-"""The judgement of a block: rules with their limits, findings, and the verdict.
+"""The judgement of a block: findings and the verdict; its limits are those of `JobRules`.
 
 The desk's verdict, the report's release check and the protocol's doubts all use these findings.
-Limits of tilt, crab and overlap follow national specifications for aerial survey cameras; those of
-amount and spacing of control follow the Czech instruction for the renewal of cadastral maps.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,45 +15,22 @@ from core.adjustment.significance import CONSTANT_NAMES
 from core.arrays import Scalars
 from core.block import Block
 from core.doubts import Doubt
-from core.quality.assessment import BlockQuality, Overlap, assess_block
+from core.quality.assessment import BlockQuality, Overlap, PhotoQuality, assess_block
 from core.quality.check_points import CheckFigures, independent_checks, kept_out
 from core.quality.control_count import ControlCount
 from core.quality.controllability import unchecked_control
+from core.quality.job_rules import USUAL_RULES, JobRules
 from core.quality.sentences import CLASSES, SENTENCES
 from core.raster.holes import Hole
 from core.said import Said, say
 
-# design: a fifth off is what weights of a sound block are; a half off, nothing that is predicted
-# with them can be believed.
-SIGMA_NOUGHT, SIGMA_NOUGHT_MOST = (0.8, 1.2), (0.5, 1.5)
-"""Outside the first the weights do not fit the residuals; outside the second a block is poor."""
 LARGER = 1.25  # design: less is within what a class of few observations scatters.
 """Residuals of a class this many times as large as stated are told."""
-# source: Czech instruction for the renewal of cadastral maps, as the manuals of aerial
-# triangulation tell it: points of a block, and of a strip.
-BLOCK_POINTS, STRIP_POINTS = 4, 3
-# source: the same. Bases between neighbours along the block's edge at most, plan and heights.
-EDGE_BASES = (3.0, 2.0)
-# source: the same. Points inside for each stereo model at least, plan and heights.
-PER_MODEL = (0.4, 0.8)
 DATUM = (2, 3)  # source: a body has seven degrees of freedom: two points in plan, three heights.
 LINE = 0.05  # design: heights within a twentieth of their length, or of a photo, turn freely.
 """Extent across of all height control, as a share of that along or of a photo's side."""
-CELLS_HELD = 6  # design: two thirds of the nine Gruber areas.
-"""Of nine parts of the block so many need control; of a photo's nine so many need measurements."""
-"""Redundancy number below which no other measurement would show an error."""
-MANY_RAYS = 0.4  # design: at 60 % overlap half of a photo is seen three times.
-"""Share of tie points that three photos or more should show."""
 SYSTEMATIC = 5.0  # design: chance brings it about in one of 24,000 films of 36 cells.
 """Mean residual of a cell of the film, in its standard deviations, that is systematic."""
-# source: national specifications for aerial survey: as a rule, and at most, degrees.
-TILT_DEG, CRAB_DEG = (3.0, 4.5), (5.0, 7.0)
-# source: the same. Least overlap along and across the strips.
-ALONG, ACROSS = 0.56, 0.20
-# design: what the report promises; on coarse scans what a pixel allows.
-LIMIT_M, LIMIT_PX = 0.8, 1.3
-"""Position error on the ground up to which a block is released: metres, or pixels of the scans."""
-
 # measured: tests/camera_types.py; cameras of one type differ by up to 0.9 % (1.36 of 153 mm). What
 # is known worse is known no better than the name of the lens tells it.
 DISTANCE_SHARE = 0.01
@@ -101,7 +76,10 @@ class Finding:
 
 
 def judge_block(
-    found: BlockQuality, report: AdjustmentReport, holes: Sequence[Hole] | None = None
+    found: BlockQuality,
+    report: AdjustmentReport,
+    holes: Sequence[Hole] | None = None,
+    rules: JobRules = USUAL_RULES,
 ) -> tuple[Finding, ...]:
     """Every finding about an adjusted block, gravest first; the gravest is the verdict.
 
@@ -109,40 +87,45 @@ def judge_block(
         found: What was measured of the block.
         report: The adjustment.
         holes: Holes inside its mosaic, largest first; None where there is no mosaic yet.
+        rules: Limits of the job.
     """
     findings = [
-        *human_findings(report),
-        *_adjustment_findings(report),
-        *_control_findings(found, report),
-        *_tie_findings(found),
+        *human_findings(report, rules),
+        *_adjustment_findings(report, rules),
+        *_control_findings(found, report, rules),
+        *_tie_findings(found, rules),
         *_distance_findings(report),
-        *_flight_findings(found),
+        *_flight_findings(found, rules),
         *_hole_findings(holes),
     ]
     return tuple(sorted(findings, key=lambda finding: -finding.grave))
 
 
 def doubts_of(
-    report: AdjustmentReport, findings: Sequence[Finding] | None = None
+    report: AdjustmentReport,
+    findings: Sequence[Finding] | None = None,
+    rules: JobRules = USUAL_RULES,
 ) -> tuple[Doubt, ...]:
     """What the adjustment left out, and every finding that is not sound, as doubts.
 
     Args:
         report: The adjustment.
         findings: What `judge_block` said of it; asked again when left out.
+        rules: Limits of the job.
     """
     if findings is None:
-        findings = judge_block(assess_block(report), report)
+        findings = judge_block(assess_block(report), report, rules=rules)
     return *report.doubts, *(_doubt(finding) for finding in findings if finding.grave)
 
 
-def human_doubts(report: AdjustmentReport) -> tuple[Doubt, ...]:
+def human_doubts(report: AdjustmentReport, rules: JobRules = USUAL_RULES) -> tuple[Doubt, ...]:
     """Every accepted measurement that the block contradicts, as the queue's filter shows them.
 
     Args:
         report: The adjustment.
+        rules: Limits of the job.
     """
-    limit = release_limit_m(report.block)
+    limit = release_limit_m(report.block, rules)
     return tuple(_doubt(_against(one, report.block, limit)) for one in report.contradictions)
 
 
@@ -187,6 +170,8 @@ def check_release(
     influence: Influence | None,
     ortho_sigma_m: float,
     findings: Sequence[Finding] | None = None,
+    *,
+    rules: JobRules = USUAL_RULES,
 ) -> Release:
     """Whether a block may be given out: what is predicted is good, and can be believed.
 
@@ -197,25 +182,42 @@ def check_release(
         influence: Its equations; None where no photo took part.
         ortho_sigma_m: Standard deviation of the reference per axis, metres.
         findings: As in `doubts_of`.
+        rules: Limits of the job.
     """
     if findings is None:
-        findings = judge_block(assess_block(report), report)
+        findings = judge_block(assess_block(report), report, rules=rules)
     places = _ground_variances(report, influence)
     relative = _relative_m(places)
     worst = max(places, key=lambda name: float(places[name].max()), default="")
     # The reference is off alike in both axes, whatever the block does.
     reference = np.sqrt(2) * ortho_sigma_m
     worst_m = float(np.hypot(np.sqrt(places[worst].max()), reference)) if worst else float("nan")
-    limit = release_limit_m(report.block)
+    limit = release_limit_m(report.block, rules)
     predicted = float(np.hypot(relative, reference))
     reasons = [finding for finding in findings if finding.kind in HOLDING_BACK]
-    if not predicted <= limit:
-        told = {
-            "relative": f"{relative:.2f}", "value": f"{predicted:.2f}", "limit": f"{limit:.2f}"
-        }  # fmt: skip
-        reasons.append(Finding("predicted", POOR, told))
-    checks = independent_checks(report)
+    position = predicted_finding(relative, ortho_sigma_m, limit)
+    if position.grave:
+        reasons.append(position)
+    checks = independent_checks(report, rules)
     return Release(relative, predicted, worst_m, worst, limit, tuple(reasons), checks)
+
+
+def predicted_finding(relative_m: float, ortho_sigma_m: float, limit_m: float) -> Finding:
+    """Whether what is predicted of the position on the ground is within its limit.
+
+    Args:
+        relative_m: RMS in plan against the reference, as in `Release`; NaN where not known.
+        ortho_sigma_m: Standard deviation of the reference per axis, metres.
+        limit_m: Position error on the ground up to which a block is released, metres.
+    """
+    predicted = float(np.hypot(relative_m, np.sqrt(2) * ortho_sigma_m))
+    told = {
+        "relative": f"{relative_m:.2f}", "value": f"{predicted:.2f}", "limit": f"{limit_m:.2f}"
+    }  # fmt: skip
+    if not np.isfinite(predicted):
+        return Finding("predicted-unknown", POOR, told)
+    good = predicted <= limit_m
+    return Finding("predicted-within" if good else "predicted", SOUND if good else POOR, told)
 
 
 def relative_sigma_m(report: AdjustmentReport, influence: Influence | None) -> float:
@@ -234,13 +236,14 @@ def _relative_m(places: Mapping[str, Scalars]) -> float:
     return float(np.sqrt(every.mean())) if len(every) else float("nan")
 
 
-def human_findings(report: AdjustmentReport) -> list[Finding]:
+def human_findings(report: AdjustmentReport, rules: JobRules = USUAL_RULES) -> list[Finding]:
     """Where a human and the block disagree, worst first.
 
     Args:
         report: The adjustment.
+        rules: Limits of the job.
     """
-    against, limit = report.contradictions, release_limit_m(report.block)
+    against, limit = report.contradictions, release_limit_m(report.block, rules)
     if not against:
         items = report.block.measurements.values()
         accepted = sum(item.status == "accepted" for item in items)
@@ -255,10 +258,11 @@ def human_findings(report: AdjustmentReport) -> list[Finding]:
     return findings
 
 
-def release_limit_m(block: Block) -> float:
+def release_limit_m(block: Block, rules: JobRules = USUAL_RULES) -> float:
     """Position error on the ground up to which this block is released, metres."""
     pixels = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
-    return max(LIMIT_M, LIMIT_PX * float(np.median(pixels))) if pixels else LIMIT_M
+    median = float(np.median(pixels)) if pixels else 0.0
+    return max(rules.position_m, rules.position_px * median)
 
 
 def _against(one: Contradiction, block: Block, limit_m: float) -> Finding:
@@ -277,17 +281,17 @@ def _against(one: Contradiction, block: Block, limit_m: float) -> Finding:
     return Finding("contradicted", DOUBTFUL, told)
 
 
-def _adjustment_findings(report: AdjustmentReport) -> list[Finding]:
+def _adjustment_findings(report: AdjustmentReport, rules: JobRules) -> list[Finding]:
+    low, high = rules.sigma_nought_low, rules.sigma_nought_high
     if not report.converged:
-        return [Finding("diverged", POOR)]
-    low, high = SIGMA_NOUGHT
+        return [Finding("diverged", POOR, {"low": f"{low:g}", "high": f"{high:g}"})]
     told = {"value": f"{report.sigma_nought:.2f}", "low": f"{low:g}", "high": f"{high:g}"}
     if not np.isfinite(report.sigma_nought):
         return [Finding("sigma-none", POOR, {**told, "value": "–"})]
     findings = [Finding("sigma-far", POOR, told)]
-    for kind, grave, (least, most) in (
-        ("sigma-off", DOUBTFUL, SIGMA_NOUGHT_MOST),
-        ("sigma", SOUND, SIGMA_NOUGHT),
+    for kind, grave, least, most in (
+        ("sigma-off", DOUBTFUL, rules.sigma_nought_least, rules.sigma_nought_most),
+        ("sigma", SOUND, low, high),
     ):
         if least <= report.sigma_nought <= most:
             findings = [Finding(kind, grave, told)]
@@ -303,57 +307,68 @@ def _adjustment_findings(report: AdjustmentReport) -> list[Finding]:
     return findings
 
 
-def _control_findings(found: BlockQuality, report: AdjustmentReport) -> list[Finding]:
-    findings = [] if found.control_by_flight else _amount_findings(found, report)
+def _control_findings(
+    found: BlockQuality, report: AdjustmentReport, rules: JobRules
+) -> list[Finding]:
+    findings = [] if found.control_by_flight else _amount_findings(found, report, rules)
     if findings and findings[0].kind == "control-few":
         return findings
     weak = unchecked_control(report)
     if weak:
         told = {"count": str(len(weak)), "worst": weak[0][0], "photo": weak[0][1]}
         findings.append(Finding("unchecked", DOUBTFUL, told))
-    return [*findings, *_check_findings(report)]
+    return [*findings, *_check_findings(report, rules)]
 
 
-def _check_findings(report: AdjustmentReport) -> list[Finding]:
+def _check_findings(report: AdjustmentReport, rules: JobRules) -> list[Finding]:
     """What independent check points say, few nothing of the block; then the proposals kept out."""
-    own, proposals = independent_checks(report), kept_out(report)
-    kind, told = own.judged(release_limit_m(report.block))
+    own, proposals = independent_checks(report, rules), kept_out(report)
+    kind, told = own.judged(release_limit_m(report.block, rules))
     graves = {"checks": SOUND, "checks-better": SOUND, "checks-over": POOR}
     findings = [Finding(kind, graves.get(kind, DOUBTFUL), told)]
+    control = len(report.surveyed_positions)
+    if control:
+        least = int(np.ceil(rules.check_share_percent * control / 100))
+        few = own.count < least
+        told = {"count": str(own.count), "control": str(control), "least": str(least)}
+        findings.append(Finding("check-share-few" if few else "check-share", int(few), told))
     if proposals.count:
         told = {"count": str(proposals.count), "value": f"{proposals.plan_m:.2f}"}
         findings.append(Finding("kept-out", SOUND, told))
     return findings
 
 
-def _amount_findings(found: BlockQuality, report: AdjustmentReport) -> list[Finding]:
+def _amount_findings(
+    found: BlockQuality, report: AdjustmentReport, rules: JobRules
+) -> list[Finding]:
     """Whether there is enough control, and where."""
     plan, heights = len(found.known_plan), len(found.known_heights)
     count, filled = len(report.surveyed_positions), int(np.count_nonzero(found.control_cells))
-    told = {"count": str(count), "cells": str(filled), "least": str(BLOCK_POINTS),
-            "parts": str(CELLS_HELD)}  # fmt: skip
-    if count < BLOCK_POINTS or plan < DATUM[0] or heights < DATUM[1]:
+    told = {"count": str(count), "cells": str(filled), "least": str(rules.control_points),
+            "parts": str(rules.control_parts)}  # fmt: skip
+    if count < rules.control_points or plan < DATUM[0] or heights < DATUM[1]:
         return [Finding("control-few", POOR, {**told, "plan": str(plan), "heights": str(heights)})]
-    sound = filled >= CELLS_HELD
+    sound = filled >= rules.control_parts
     kind = "control" if sound else "control-gaps"
     findings = [Finding(kind, SOUND if sound else DOUBTFUL, told)]
     along, across = found.heights_extent_m
     if across < LINE * max(along, found.side_m):
-        told = {"along": f"{along:.0f}", "across": f"{across:.0f}"}
+        told = {**told, "along": f"{along:.0f}", "across": f"{across:.0f}"}
         findings.append(Finding("control-on-a-line", POOR, told))
-    return findings if found.control is None else [*findings, *_rule_findings(found.control)]
+    if found.control is not None:
+        findings += _spread_findings(found.control, rules)
+    return findings
 
 
-def _rule_findings(control: ControlCount) -> list[Finding]:
-    """What the rules of aerial triangulation find missing; how far control is apart if nothing."""
-    findings: list[Finding] = []
+def _spread_findings(control: ControlCount, rules: JobRules) -> list[Finding]:
+    """Where control lies: in strips, along the edge and inside."""
     name, shown = control.poorest_strip
-    if shown < STRIP_POINTS:
-        told = {"worst": name, "count": str(shown), "least": str(STRIP_POINTS)}
-        findings.append(Finding("strip-few", DOUBTFUL, told))
+    few = shown < rules.strip_points
+    told = {"worst": name, "count": str(shown), "least": str(rules.strip_points)}
+    findings = [Finding("strip-few" if few else "strip", int(few), told)]
     for kind, spread, most, least in (
-        ("plan", control.plan, EDGE_BASES[0], PER_MODEL[0]),
-        ("heights", control.heights, EDGE_BASES[1], PER_MODEL[1]),
+        ("plan", control.plan, rules.edge_plan_bases, rules.inside_plan),
+        ("heights", control.heights, rules.edge_heights_bases, rules.inside_heights),
     ):
         told = {
             "bases": f"{spread.gap.bases:.1f}",
@@ -365,31 +380,39 @@ def _rule_findings(control: ControlCount) -> list[Finding]:
         # Judged as it is told: "2.0 (2 at most)" would puzzle.
         wide = round(spread.gap.bases, 1) > most
         findings.append(Finding(f"edge-gap-{kind}" if wide else f"edge-{kind}", int(wide), told))
-        if spread.per_model < least:
-            told = {"value": f"{spread.per_model:.1f}", "least": f"{least:g}"}
-            findings.append(Finding(f"inside-few-{kind}", DOUBTFUL, told))
+        thin = spread.per_model < least
+        told = {"value": f"{spread.per_model:.1f}", "least": f"{least:g}"}
+        findings.append(
+            Finding(f"inside-few-{kind}" if thin else f"inside-{kind}", int(thin), told)
+        )
     return findings
 
 
-def _tie_findings(found: BlockQuality) -> list[Finding]:
+def _tie_findings(found: BlockQuality, rules: JobRules) -> list[Finding]:
     total, oriented = sum(found.rays.values()), [p for p in found.photos if p.oriented]
+    limit = {"least": f"{rules.rays_percent:g}"}
     if not total:
-        alone = len(oriented) < 2
-        return [Finding("one-photo", DOUBTFUL) if alone else Finding("no-ties", POOR)]
+        kind, grave = ("one-photo", DOUBTFUL) if len(oriented) < 2 else ("no-ties", POOR)
+        return [Finding(kind, grave, limit)]
     many = sum(count for rays, count in found.rays.items() if rays >= 3) / total
-    told = {"share": f"{100 * many:.0f}", "least": f"{100 * MANY_RAYS:.0f}"}
-    sound = many >= MANY_RAYS
+    told = {"share": f"{100 * many:.0f}", **limit}
+    sound = 100 * many >= rules.rays_percent
     findings = [Finding("rays" if sound else "rays-few", SOUND if sound else DOUBTFUL, told)]
     for members, points in found.parts:
-        told = {"worst": members[0], "photos": str(len(members)), "points": str(points)}
+        told = {"worst": members[0], "photos": str(len(members)), "points": str(points), **limit}
         findings.append(Finding("in-parts", POOR if points < DATUM[1] else DOUBTFUL, told))
-    bare = [p.photo_id for p in oriented if sum(count > 0 for count in p.cells) < CELLS_HELD]
+    bare = [p.photo_id for p in oriented if _areas_held(p) < rules.photo_parts]
     if bare:
-        findings.append(Finding("bare", DOUBTFUL, {"count": str(len(bare)), "worst": bare[0]}))
+        told = {"count": str(len(bare)), "worst": bare[0], "parts": str(rules.photo_parts)}
+        findings.append(Finding("bare", DOUBTFUL, told))
     camera, test, largest = found.pattern_worst
     kind, grave = ("systematic", DOUBTFUL) if test > SYSTEMATIC else ("no-pattern", SOUND)
     findings.append(Finding(kind, grave, {"value": f"{largest:.1f}", "worst": camera}))
     return findings
+
+
+def _areas_held(photo: PhotoQuality) -> int:
+    return sum(count > 0 for count in photo.cells)
 
 
 def _distance_findings(report: AdjustmentReport) -> list[Finding]:
@@ -410,16 +433,17 @@ def _distance_findings(report: AdjustmentReport) -> list[Finding]:
     return findings
 
 
-def _flight_findings(found: BlockQuality) -> list[Finding]:
+def _flight_findings(found: BlockQuality, rules: JobRules) -> list[Finding]:
     findings: list[Finding] = []
     loose = [photo.photo_id for photo in found.photos if not photo.oriented]
     if loose:
         findings.append(Finding("loose", POOR, {"count": str(len(loose)), "worst": loose[0]}))
     else:
         findings.append(Finding("oriented", SOUND, {"count": str(len(found.photos))}))
-    for text, values, (rule, most) in (
-        ("tilt", {p.photo_id: p.tilt_deg for p in found.photos if p.oriented}, TILT_DEG),
-        ("crab", {p.photo_id: p.crab_deg for p in found.photos if p.oriented}, CRAB_DEG),
+    oriented = [photo for photo in found.photos if photo.oriented]
+    for text, values, rule, most in (
+        ("tilt", {p.photo_id: p.tilt_deg for p in oriented}, rules.tilt_deg, rules.tilt_most_deg),
+        ("crab", {p.photo_id: p.crab_deg for p in oriented}, rules.crab_deg, rules.crab_most_deg),
     ):
         known = {name: value for name, value in values.items() if np.isfinite(value)}
         if not known:
@@ -430,14 +454,17 @@ def _flight_findings(found: BlockQuality) -> list[Finding]:
                 "over": str(over)}  # fmt: skip
         grave = SOUND if not over else DOUBTFUL if known[worst] <= most else POOR
         findings.append(Finding(text if not grave else f"{text}-over", grave, told))
-    for text, along, least in (("along", True, ALONG), ("across", False, ACROSS)):
-        shares = _nearest_shares(found.overlaps, along)
+    for text, along, least in (
+        ("along", True, rules.along_percent),
+        ("across", False, rules.across_percent),
+    ):
+        shares = [100 * share for share in _nearest_shares(found.overlaps, along)]
         if shares:
             small = sum(share < least for share in shares)
             told = {
-                "low": f"{100 * min(shares):.0f}",
-                "high": f"{100 * max(shares):.0f}",
-                "least": f"{100 * least:.0f}",
+                "low": f"{min(shares):.0f}",
+                "high": f"{max(shares):.0f}",
+                "least": f"{least:g}",
                 "small": str(small),
             }
             findings.append(Finding(f"{text}-small" if small else text, int(small > 0), told))

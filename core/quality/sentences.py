@@ -1,4 +1,4 @@
-"""Sentences for the findings of a block's judgement; `core/quality/rules.py` has the limits."""
+"""Sentences for the findings of a block's judgement; `core/quality/job_rules.py` has the limits."""
 
 from collections.abc import Mapping
 
@@ -31,6 +31,7 @@ SENTENCES = {
     "needs {least}, at least 2 of them with plan and 3 with height.",
     "control-on-a-line": "All height control lies on a line (within {across} m of it, {along} m "
     "long): the block can turn about it. Add a point off the line.",
+    "strip": "The strip of {worst}, which shows the fewest, has {count} control points.",
     "strip-few": "The strip of {worst} shows {count} control points; it needs {least}.",
     "edge-plan": "Along the block's edge control is at most {bases} bases apart.",
     "edge-heights": "Along the edge known heights are at most {bases} bases apart.",
@@ -38,6 +39,8 @@ SENTENCES = {
     "point by {worst}, about E {east} N {north}.",
     "edge-gap-heights": "{bases} bases of the block's edge have no known height ({most} at most): "
     "add one by {worst}, about E {east} N {north}.",
+    "inside-plan": "Inside the block {value} control points for each stereo model.",
+    "inside-heights": "Inside the block {value} known heights for each stereo model.",
     "inside-few-plan": "Inside the block {value} control points for each stereo model; {least} are "
     "the rule.",
     "inside-few-heights": "Inside the block {value} known heights for each stereo model; {least} "
@@ -57,6 +60,8 @@ SENTENCES = {
     "predicted, more than chance explains ({low} to {high}): the prediction cannot be trusted.",
     "checks-over": "Independent check points: {count}, RMSE {value} m: the block is off by more "
     "than {limit} m.",
+    "check-share": "Check points for {control} control points: {count}.",
+    "check-share-few": "Check points for {control} control points: {count}; {least} are the rule.",
     "kept-out": "Proposals kept out: {count}, RMSE {value} m (not independent of the reference).",
     "one-photo": "One photo alone: only its own control can show it wrong.",
     "no-ties": "No tie points bind the photos.",
@@ -86,6 +91,11 @@ SENTENCES = {
     "along-small": "Overlap along the strips {low} to {high} %; below {least} % in {small} photos.",
     "across": "Overlap between strips {low} to {high} %.",
     "across-small": "Overlap between strips {low} to {high} %; below {least} % in {small} photos.",
+    "sun": "The sun stood at least {value}\u00b0 above the horizon ({worst}, the lowest).",
+    "sun-noon": "The sun reached at least {value}\u00b0 at noon of the days of exposure ({worst}, "
+    "the lowest); the times of day are not known.",
+    "sun-low": "Photos taken with the sun below {limit}\u00b0, even at noon where only their date "
+    "is known: {over}; the lowest {value}\u00b0 ({worst}).",
     "faults": "Faults marked in the mosaic: {count}, all closed.",
     "faults-open": "Faults marked in the mosaic: {count}; still open: {open}.",
     "no-holes": "The mosaic has no holes inside it.",
@@ -99,7 +109,7 @@ SENTENCES = {
     "read-replaced": "A newer plan took the place of one that was read; places whose readings no "
     "longer count: {count}.",
     "read-few": "Places of the plan that were read: {read} of {planned} (not identifiable: "
-    "{unreadable}); the standard asks for {least}.",
+    "{unreadable}); {least} are asked for.",
     "read-within": "Readings of the mosaic: m_p {value} m ({low} to {high} m), within {limit} m.",
     "read-over": "Readings of the mosaic: m_p {value} m ({low} to {high} m), more than {limit} m.",
     "read-shifted": "The mosaic is shifted against the reference by {east} m east and {north} m "
@@ -118,6 +128,9 @@ SENTENCES = {
     "chance explains ({low} to {high}): the prediction cannot be trusted.",
     "read-better": "The readings differ by {ratio} times the predicted {predicted} m, less than "
     "chance explains ({low} to {high}): standard deviations are stated too large.",
+    "predicted-within": "Position is predicted to {relative} m relative to the reference ortho, "
+    "and to {value} m on the ground with the reference's own error, within {limit} m.",
+    "predicted-unknown": "Position on the ground cannot be predicted: nothing was adjusted.",
     "predicted": "Position is predicted to {relative} m relative to the reference ortho, and to "
     "{value} m on the ground with the reference's own error: more than {limit} m.",
 }

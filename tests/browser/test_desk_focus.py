@@ -193,7 +193,8 @@ DECIDED = """() => {
     shift: "1", limit: "1", most: "1", more: "3" };
   told.quality = { ...quality, findings: [["verdict.class-large", 1, control],
     ["verdict.bare", 1, { count: "1", worst: "no such photo" }]],
-    rules: [["against", 1, "verdict.contradicted", far, "gruber"]] };
+    rules: [["against", 1, "verdict.contradicted", far, "rules.value.against",
+      "rules.limit.none", "gruber"]] };
   window.wire.onmessage({ data: JSON.stringify(told) });
 }"""
 """All is decided; a class is worse than stated, and of four disputed points the worst is told."""
@@ -222,7 +223,7 @@ def test_a_rule_tells_how_many_more_there_are_and_leads_to_all__law(overheard: A
     page = overheard
     show(page, "quality")
     page.evaluate(DECIDED)
-    assert "Further findings: 3." in page.inner_text("[data-rule=against]")
+    assert "and 3 more" in page.inner_text("[data-rule=against]")
     page.evaluate(
         """() => {
           const row = gruber.parts.rows[0].with(8, 1.2);

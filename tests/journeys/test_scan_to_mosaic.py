@@ -144,6 +144,29 @@ def test_a_second_run_makes_nothing_anew__law(tiny_run):
     assert again.out.count("(as before)") == stages_walked(tiny_run.folder)
 
 
+def test_rules_of_the_job_judge_anew_and_make_nothing_anew__law(tiny_run, tmp_path):
+    folder = shutil.copytree(tiny_run.folder, tmp_path / "block")
+    block = folder / "block.toml"
+    text = block.read_text(encoding="utf-8")
+    block.write_text(text.replace("[block]", '[block]\nrules = "rules.toml"'), encoding="utf-8")
+    (folder / "rules.toml").write_text("control_points = 9000\n", encoding="utf-8")
+    before, told = made(folder), tables(folder)
+    again = run_alone("run", folder)
+    assert again.code == 0
+    assert again.out.count("(as before)") == stages_walked(folder)
+    assert (made(folder), tables(folder)) == (before, told)
+    reports = [
+        json.loads((where / "results" / "report.json").read_text(encoding="utf-8"))
+        for where in (tiny_run.folder, folder)
+    ]
+    usual, own = ({one["kind"] for one in report["verdict"]} for report in reports)
+    assert "control-few" in own - usual
+    asked = {one["rule"]: one["source"] for one in reports[1]["checked"]["rules"]}
+    assert [rule for rule, source in asked.items() if source == "job"] == ["control"]
+    doubts = (folder / "results" / "adjustment.txt").read_text(encoding="utf-8")
+    assert "a block needs 9000" in " ".join(doubts.split())
+
+
 def test_from_a_stage_it_is_made_again_and_comes_out_the_same__law(tiny_run):
     """The same inputs give the same bytes: METHODS 5.6."""
     folder = tiny_run.folder

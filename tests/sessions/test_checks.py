@@ -8,6 +8,7 @@ import numpy as np
 from core.adjustment.block_adjustment import adjust_block
 from core.block import Block
 from core.quality.check_plan import CheckPlace
+from core.quality.job_rules import USUAL_RULES
 from sessions.checks import (
     checked_figures,
     digest_of_plan,
@@ -178,6 +179,15 @@ def test_a_signature_holds_until_something_is_changed__law(tmp_path: Path) -> No
         session.record(plan, operator="bob")
         session.record(ReadCheck("1-01", (1.0, 1.0), (1.0, 1.0), "m1"), operator="bob")
         assert changed(session) == [("readings",)]
+
+
+def test_a_signature_made_under_other_limits_is_outdated__law() -> None:
+    before = judged_parts([], REPORT, "m1")
+    after = judged_parts([], REPORT, "m1", replace(USUAL_RULES, tilt_deg=2.0))
+    assert [part for part in before if before[part] != after[part]] == ["rules"]
+    signed = Recorded(1, "2026-01-02T12:00:00", "eva", SignBlock("accept", "", before))
+    assert standing_signatures([signed], before)[0].holds
+    assert standing_signatures([signed], after)[0].changed == ("rules",)
 
 
 def test_a_signature_is_of_what_was_decided_and_not_of_its_number__law() -> None:

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from core.quality.check_plan import CheckPlace
-from core.quality.readings import PlanFigures, ReadingFigures, judge_rules
-from core.quality.rules import Finding
+from core.quality.readings import PlanFigures, ReadingFigures
 from sessions.checks import (
     StandingPlan,
     judged_parts,
@@ -250,7 +249,7 @@ def _chance(*names: str) -> np.random.Generator:
 
 def parts_now(desk: DeskSnapshot) -> Mapping[str, str]:
     """Digest of each part that a signature is about."""
-    return judged_parts(desk.recorded, desk.state.report, desk.mosaic_version)
+    return judged_parts(desk.recorded, desk.state.report, desk.mosaic_version, desk.rules)
 
 
 def signatures_part(desk: DeskSnapshot, now: Mapping[str, str]) -> list[Part]:
@@ -266,23 +265,6 @@ def signatures_part(desk: DeskSnapshot, now: Mapping[str, str]) -> list[Part]:
             "changed": list(one.changed),
         }
         for one in standing_signatures(desk.recorded, now)
-    ]
-
-
-def rules_part(findings: Sequence[Finding]) -> list[list[object]]:
-    """Every rule: its name, how grave, the sentence with its values, who asks it.
-
-    `more` is how many further findings there are about it, where there are any.
-    """
-    return [
-        [
-            one.rule.name,
-            one.finding.grave,
-            f"verdict.{one.finding.kind}",
-            {**one.finding.values, **({"more": str(one.more)} if one.more else {})},
-            one.rule.source,
-        ]
-        for one in judge_rules(findings)
     ]
 
 

@@ -8,8 +8,16 @@ import shapely
 
 from core.mosaic.fault_places import misfit_findings
 from core.quality.assessment import BlockQuality, assess_block
+from core.quality.judged_rules import JudgedRule, judge_rules
 from core.quality.readings import ReadingFigures
-from core.quality.rules import Finding, judge_block, relative_sigma_m
+from core.quality.rules import (
+    Finding,
+    judge_block,
+    predicted_finding,
+    relative_sigma_m,
+    release_limit_m,
+)
+from core.quality.sun import sun_findings
 from sessions.checked import Predicted, checked_by_hand
 from sessions.remarks import fault_findings, standing_faults
 from ui.review.scene import EDGE_PARTS, Segments
@@ -29,29 +37,35 @@ class BlockJudgement:
     """Readings of the newest plan; None without a plan."""
     findings: tuple[Finding, ...]
     """Gravest first."""
+    rules: tuple[JudgedRule, ...]
+    """Every rule that concerns the block."""
 
 
 def judge_desk(desk: DeskSnapshot) -> BlockJudgement:
     """Judge the block by its adjustment, its holes, what was read of its mosaic, and its faults."""
-    report = desk.state.report
+    report, rules = desk.state.report, desk.rules
     polygons = footprint_polygons(desk.state, desk.outlines)
     measured = assess_block(report, polygons)
     influence, mosaic = desk.state.evidence.influence, desk.state.mosaic
     seams = () if mosaic is None else mosaic.product.seams
     relative_m = relative_sigma_m(report, influence)
     predicted = Predicted(relative_m, desk.ortho_sigma_m, influence, seams)
-    checked = checked_by_hand(report, desk.recorded, desk.mosaic_version, predicted)
+    checked = checked_by_hand(report, desk.recorded, desk.mosaic_version, predicted, rules=rules)
     found = (
         *(() if checked is None else checked.findings),
         *(() if mosaic is None else misfit_findings(mosaic.misfit)),
         *fault_findings(standing_faults(desk.recorded)),
-        *judge_block(measured, report, desk.state.holes),
+        *sun_findings(report.block, desk.exposed, rules),
+        *judge_block(measured, report, desk.state.holes, rules),
     )
+    limit = release_limit_m(report.block, rules)
+    position = predicted_finding(relative_m, desk.ortho_sigma_m, limit)
     return BlockJudgement(
         polygons,
         measured,
         None if checked is None else checked.figures,
         tuple(sorted(found, key=lambda one: -one.grave)),
+        judge_rules((position, *found), rules),
     )
 
 

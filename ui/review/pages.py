@@ -116,7 +116,7 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
                 len(seat.drafts) + len(seat.marks),
                 people,
             ),
-            lambda: status_part(state, desk.rows, desk.stale, seat, others),
+            lambda: status_part(state, desk.rows, desk.stale, seat, others, rules=desk.rules),
         ),
     )
     if seat.quality:
@@ -180,9 +180,10 @@ def _sheet_parts(
 
 def seat_quality(seat: Seat, desk: DeskSnapshot) -> Part:
     """The block's quality, what readings say of it, and who has signed it."""
-    told = quality_part(judge_desk(desk), desk.state, desk.adjustments, seat.pair)
-    judged = parts_now(desk)
-    return {**told, "signatures": signatures_part(desk, judged), "judged": judged}
+    judged = judge_desk(desk)
+    told = quality_part(judged, desk.state, desk.adjustments, seat.pair, rules=desk.rules)
+    now = parts_now(desk)
+    return {**told, "signatures": signatures_part(desk, now), "judged": now}
 
 
 def seat_point(seat: Seat, desk: DeskSnapshot) -> Part:

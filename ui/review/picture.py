@@ -9,7 +9,8 @@ import numpy as np
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Measurement
-from core.quality.check_points import STANDARD_LEAST, independent_checks, kept_out
+from core.quality.check_points import independent_checks, kept_out
+from core.quality.job_rules import USUAL_RULES, JobRules
 from sessions.decisions import NOT_VISIBLE
 from ui.review.compare import Drawn, HeightSource, Overlay, ground_from_pixel, overlay_of
 from ui.review.drafts import apply_draft, by_hand
@@ -97,6 +98,8 @@ def status_part(
     stale: tuple[str, ...],
     seat: Seat,
     others: Sequence[Seat] = (),
+    *,
+    rules: JobRules = USUAL_RULES,
 ) -> Part:
     """The status line; `others` sit at the desk as well."""
     report, before = state.report, state.before
@@ -107,7 +110,7 @@ def status_part(
         "sigma_before": short(before.sigma_nought, 4) if before else None,
         "mp": short(position_error_m(report), 3),
         "mp_before": short(position_error_m(before), 3) if before else None,
-        "checks": checks_told(report),
+        "checks": checks_told(report, rules),
         "converged": report.converged,
         "redundancy": report.redundancy,
         "counts": tally,
@@ -145,12 +148,12 @@ def position_error_m(report: AdjustmentReport) -> float | None:
     return found.plan_m if found.count else None
 
 
-def checks_told(report: AdjustmentReport) -> Part:
+def checks_told(report: AdjustmentReport, rules: JobRules = USUAL_RULES) -> Part:
     """How many check points are independent, how many enough; proposals kept out, their RMSE."""
-    own, proposals = independent_checks(report), kept_out(report)
+    own, proposals = independent_checks(report, rules), kept_out(report)
     return {
         "count": own.count,
-        "least": STANDARD_LEAST,
+        "least": own.least,
         "kept": proposals.count,
         "kept_rmse": short(proposals.plan_m, 3) if proposals.count else None,
     }

@@ -7,10 +7,12 @@ import numpy as np
 import shapely
 
 from core.quality.assessment import BlockQuality
-from ui.review.checking import figures_told, rules_part
+from core.quality.job_rules import USUAL_RULES, JobRules
+from ui.review.checking import figures_told
 from ui.review.history import AdjustmentRecord, record_line, shifts_m
 from ui.review.judgement import BlockJudgement
 from ui.review.picture import Part, checks_told, position_error_m
+from ui.review.rule_rows import rules_part
 from ui.review.state import DeskState
 
 TIES_DRAWN = 2500
@@ -23,17 +25,20 @@ def quality_part(
     state: DeskState,
     adjustments: tuple[AdjustmentRecord, ...],
     pair: tuple[int, int] | None = None,
+    *,
+    rules: JobRules = USUAL_RULES,
 ) -> dict[str, Any]:
     """Everything the view shows, but for the signatures."""
     report, found, findings = state.report, judged.measured, judged.findings
     return {
         "verdict": findings[0].grave,
         "findings": [[f"verdict.{f.kind}", f.grave, dict(f.values)] for f in findings],
-        "rules": rules_part(findings),
+        "rules": rules_part(judged.rules),
+        "turned": [rules.tilt_deg, rules.crab_deg],
         "read": None if judged.read is None else figures_told(judged.read),
         "sigma": _number(report.sigma_nought, 3),
         "mp": _number(position_error_m(report), 3),
-        "checks": checks_told(report),
+        "checks": checks_told(report, rules),
         "free": list(state.free),
         "photos": _photos(found),
         "overlaps": _overlaps(found),

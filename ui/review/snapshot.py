@@ -7,6 +7,7 @@ import numpy as np
 
 from core.block import Block
 from core.doubts import Doubt
+from core.quality.job_rules import USUAL_RULES, JobRules
 from sessions.decisions import Decision, Recorded
 from sessions.replay import replay
 from ui.review.compare import Drawn, HeightSource
@@ -57,6 +58,10 @@ class DeskSnapshot:
     """Its pixel, metres; nought without one."""
     mosaic_version: str = ""
     """What the mosaic on disk was made of; empty where there is none."""
+    rules: JobRules = USUAL_RULES
+    """Limits by which the block is judged."""
+    exposed: Mapping[str, str] = field(default_factory=dict[str, str])
+    """When each photo was taken, as far as that is known."""
     adjustments: tuple[AdjustmentRecord, ...] = ()
     """Adjustments of this sitting."""
     seats: Mapping[str, Seat] = field(default_factory=dict[str, Seat])

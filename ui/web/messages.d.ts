@@ -216,7 +216,9 @@ interface Quality {
   milestones: Milestone[];
   read: ReadFigures | null;
   rules: [rule: string, grave: number, word: string, values: Record<string, string>,
-    source: string][];
+    value: string, limit: string, source: string][];
+  /** Tilt and crab that a photo may have as a rule, degrees. */
+  turned: Pair;
   signatures: Signature[];
   /** Digest of each part that a signature is about. */
   judged: Record<string, string>;

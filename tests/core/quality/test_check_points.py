@@ -7,7 +7,8 @@ import pytest
 
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
-from core.quality.check_points import STANDARD_LEAST, independent_checks, kept_out
+from core.quality.check_points import independent_checks, kept_out
+from core.quality.job_rules import USUAL_RULES
 from tests.flights import FlightPlan, fly
 
 PLAN = FlightPlan(ties=300, control=30, check=40, camera_errors=False)
@@ -52,7 +53,7 @@ def test_the_survey_s_error_is_in_the_product__paper():
     found = independent_checks(report)
     off = np.array([check.difference_m for check in report.checks])
     fit = np.sqrt(np.mean(off[:, 0] ** 2) + np.mean(off[:, 1] ** 2))
-    assert found.count == len(report.checks) >= STANDARD_LEAST
+    assert found.count == len(report.checks) >= USUAL_RULES.check_points
     assert found.plan_m == pytest.approx(np.sqrt(fit**2 + 0.3**2 + 0.4**2))
     high = off[[check.used_scans > 1 for check in report.checks], 2]
     assert found.height_m == pytest.approx(np.sqrt(np.mean(high**2) + 0.5**2))

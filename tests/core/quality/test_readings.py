@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
+from core.quality.judged_rules import RULES, judge_rules
 from core.quality.readings import (
-    RULES,
     Reading,
     ReadingFigures,
     compare_with_prediction,
-    judge_rules,
     plan_figures,
     position_error_m,
     reading_figures,

@@ -11,9 +11,9 @@ from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
 from core.block import TiePoints
 from core.quality.assessment import assess_block
-from core.quality.check_points import STANDARD_LEAST
 from core.quality.controllability import unchecked_control
-from core.quality.readings import judge_rules
+from core.quality.job_rules import USUAL_RULES
+from core.quality.judged_rules import judge_rules
 from core.quality.residuals import displacement
 from core.quality.rules import (
     HOLDING_BACK,
@@ -88,7 +88,7 @@ def test_too_little_control_and_a_loose_photo_are_reasons__truth(flight):
 def test_nothing_adjusted_is_not_certified__law(flight):
     photos = {n: replace(p, oriented=False) for n, p in flight.block.photos.items()}
     nothing = judged(flight.block.with_photos(photos))
-    assert {"loose", "control-few", "predicted"} <= kinds_of(nothing)
+    assert {"loose", "control-few", "predicted-unknown"} <= kinds_of(nothing)
     assert np.isnan(nothing.predicted_m)
 
 
@@ -223,7 +223,7 @@ def test_few_check_points_are_too_few_to_judge__truth(count, kind):
     report = adjust_block(flown)
     few = finding(replace(report, checks=report.checks[:count]), kind)
     assert few.grave == 1
-    assert few.values["least"] == str(STANDARD_LEAST)
+    assert few.values["least"] == str(USUAL_RULES.check_points)
     assert finding(report, "checks").grave == 0
 
 

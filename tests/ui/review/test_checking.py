@@ -8,6 +8,8 @@ import pytest
 
 from core.quality.assessment import assess_block
 from core.quality.check_plan import CheckPlace
+from core.quality.job_rules import USUAL_RULES
+from core.quality.judged_rules import judge_rules
 from core.quality.rules import judge_block
 from sessions.checks import checked_figures, new_plan, results_digest, standing_plans
 from sessions.decisions import (
@@ -27,10 +29,11 @@ from ui.review.checking import (
     decided_judgement,
     decided_reading,
     parts_now,
-    rules_part,
     signatures_part,
 )
+from ui.review.judgement import judge_desk
 from ui.review.mosaic import faults_part
+from ui.review.rule_rows import rules_part
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Notice
 
@@ -189,12 +192,22 @@ def test_nobody_signs_what_was_not_shown__law(desk: DeskSnapshot) -> None:
         assert decided_judgement(replace(gesture, judged=parts_now(later)), later)[0]
 
 
+def test_limits_of_the_job_change_verdict_and_what_is_signed__law(desk: DeskSnapshot) -> None:
+    own = replace(desk, rules=replace(USUAL_RULES, control_points=5000, tilt_deg=0.001))
+    usual, changed = judge_desk(desk), judge_desk(own)
+    assert "control-few" in {one.kind for one in changed.findings}
+    assert "control-few" not in {one.kind for one in usual.findings}
+    assert {one.rule.name for one in changed.rules if one.by_job} == {"control", "tilt"}
+    before, after = parts_now(desk), parts_now(own)
+    assert [part for part in before if before[part] != after[part]] == ["rules"]
+
+
 def test_rules_are_told_with_their_source__truth(desk: DeskSnapshot) -> None:
     report = desk.state.report
-    rules = rules_part(judge_block(assess_block(report), report))
+    rules = rules_part(judge_rules(judge_block(assess_block(report), report)))
     assert {line[0] for line in rules} >= {"sigma", "oriented", "checks"}
     assert all(
-        line[4] in ("asprs", "instruction", "survey", "orthophoto", "gruber") for line in rules
+        line[6] in ("asprs", "instruction", "survey", "orthophoto", "gruber") for line in rules
     )
 
 

@@ -14,7 +14,6 @@ import { send } from "./wire.js";
 
 const WORST_TIES = 10; // design: so many can be gone through
 const MOST_SHIFTS = 12; // design: the photos that moved furthest; the rest says nothing more
-const [TILT_DEG, CRAB_DEG] = [3, 5]; // design: as a rule, `QualityLimits` says
 /** Kinds of the queue by class of residuals. @type {Record<string, string>} */
 const CLASS_ROLES = {
   tie: "tie", dem: "tie", control_image: "control", control_plan: "control",
@@ -419,14 +418,15 @@ function bar(share) {
 
 /** @param {Quality} found */
 function photos(found) {
+  const [tilt, crab] = found.turned;
   const large = (/** @type {number | null} */ value, /** @type {number} */ limit) =>
     cell(number(value, 1), (value ?? 0) > limit ? "large" : "");
   const areas = (/** @type {number[]} */ cells) => element("span", { class: "cells small" },
     ...cells.map((count) => element("i", { class: count ? "" : "empty", title: `${count}` })));
   const lines = found.photos.map((photo) => element("tr", { class: photo.oriented ? "" : "loose" },
     cell(photoLink(photo.photo), "name"), cell(number(photo.rms, 2)), cell(`${photo.control}`),
-    cell(`${photo.ties}`), cell(number(photo.sigma, 2)), large(photo.tilt, TILT_DEG),
-    large(photo.crab, CRAB_DEG), cell(areas(photo.cells))));
+    cell(`${photo.ties}`), cell(number(photo.sigma, 2)), large(photo.tilt, tilt),
+    large(photo.crab, crab), cell(areas(photo.cells))));
   const names = ["photo", "rms", "control.count", "ties", "centre", "tilt", "crab", "areas"];
   return part("photos", table(names, lines));
 }

@@ -76,19 +76,26 @@ export function findingSaid(name, values) {
     ...(photo ? { photo: shortName(photo) } : {}) });
 }
 
+/** @param {string} name @param {Record<string, string>} values */
+function valueSaid(name, values) {
+  const value = findingSaid(name, values);
+  return values.more ? word("rules.value.more", { value, more: Number(values.more) }) : value;
+}
+
 /**
  * @param {Quality} found
  * @param {(text: string, values: Record<string, string>) => Node[]} look leads to what was found
  */
 export function ruled({ rules }, look) {
-  const heads = ["rule", "result", "found", "source"].map((name) =>
+  const heads = ["rule", "value", "limit", "source", "result"].map((name) =>
     element("th", {}, word(`rules.${name}`)));
-  const lines = rules.map(([rule, grave, name, values, source]) => element("tr",
+  const lines = rules.map(([rule, grave, name, values, value, limit, source]) => element("tr",
     { "data-rule": rule }, cell(word(`rule.${rule}`)),
-    cell(element("b", { class: `grave${grave}` }, word(`grave.${grave}`))),
-    element("td", { class: "why" }, findingSaid(name, values),
-      values.more ? ` ${word("rules.more", { more: Number(values.more) })} ` : " ",
-      ...(grave ? look(name, values) : [])), cell(word(`rules.source.${source}`))));
+    element("td", { class: "why" }, valueSaid(value, values), " ",
+      ...(grave ? look(name, values) : [])),
+    cell(word(limit, values)),
+    cell(element(source === "job" ? "b" : "span", {}, word(`rules.source.${source}`))),
+    cell(element("b", { class: `grave${grave}` }, word(`grave.${grave}`)))));
   return part("rules", element("table", { class: "rules" }, element("tr", {}, ...heads), ...lines));
 }
 
