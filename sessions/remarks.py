@@ -26,6 +26,12 @@ class Fault:
         return not (said and said[-1])
 
     @property
+    def turned(self) -> Recorded:
+        """Who said last whether it is open: at first who marked it."""
+        said = [item for item, one in self.answers if one.closes is not None]
+        return said[-1] if said else self.recorded
+
+    @property
     def assigned(self) -> str:
         """Who is asked to mend it; empty where nobody is."""
         said = [one.assigned for one in (self.said, *(one for _, one in self.answers))]
@@ -57,9 +63,15 @@ def standing_faults(decisions: Sequence[Recorded]) -> tuple[Fault, ...]:
     return tuple(sorted(faults, key=lambda one: (not one.is_open, -one.recorded.decision_id)))
 
 
+def is_fault(decision: Decision) -> bool:
+    """Whether a decision marks a fault."""
+    return isinstance(decision, Remark) and bool(decision.fault)
+
+
 def is_of_a_fault(decision: Decision) -> bool:
     """Whether a decision marks a fault, or says that one is mended or open again."""
-    return isinstance(decision, Remark) and bool(decision.fault or decision.closes is not None)
+    closes = isinstance(decision, Remark) and decision.closes is not None
+    return closes or is_fault(decision)
 
 
 def fault_findings(faults: Sequence[Fault]) -> tuple[Finding, ...]:

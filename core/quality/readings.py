@@ -146,10 +146,6 @@ class ReadingFigures:
         """Whether they allow a statement."""
         return self.read >= rules.readings
 
-    def doubled_least(self, rules: JobRules = USUAL_RULES) -> int:
-        """So many of the places that were read a second observer should read."""
-        return int(np.ceil(rules.second_readings_percent * self.read / 100))
-
 
 @dataclass(frozen=True, slots=True)
 class Foretold:
@@ -381,7 +377,7 @@ def reading_findings(
         shift = {"east": f"{together.mean_m[0]:+.2f}", "north": f"{together.mean_m[1]:+.2f}"}
         shifted = any(together.shifted)
         yield Finding("read-shifted" if shifted else "read-unshifted", int(shifted), shift)
-    least = found.doubled_least(rules)
+    least = doubled_least(found.read, rules)
     second = {"doubled": str(found.doubled), "read": str(found.read), "least": str(least)}
     if found.doubled:
         second |= {
@@ -393,6 +389,11 @@ def reading_findings(
     yield Finding(kind, int(kind != "second"), second)
     if foretold is not None and foretold.said != "unknown":
         yield _against_prediction(foretold)
+
+
+def doubled_least(read: int, rules: JobRules = USUAL_RULES) -> int:
+    """How many of so many places a second observer should read at least."""
+    return int(np.ceil(rules.second_readings_percent * read / 100))
 
 
 def _against_prediction(foretold: Foretold) -> Finding:

@@ -215,16 +215,16 @@ def test_a_reading_far_off_is_asked_about_before_it_is_kept__law(
     open_checks(page)
     name = mark_place(page, np.array([9.0, 9.0]))
     page.keyboard.press("y")
-    page.wait_for_selector("#checks-state:has-text('12.7 m off')")
+    page.wait_for_selector("#checks-state:has-text('further apart')")
     page.keyboard.press("Escape")
-    page.wait_for_selector("#checks-state:not(:has-text('off'))")
+    page.wait_for_selector("#checks-state:not(:has-text('apart'))")
     caught_up(page)
     assert page.evaluate("gruber.checksState().current") == name
     assert not readings(real_desk)
     page.keyboard.press("y")
     page.keyboard.press("y")  # which nobody presses for an answer: the question is not read yet
     page.wait_for_selector(".notice:has-text('only just appeared')")
-    page.wait_for_selector("#checks-state:has-text('12.7 m off')")
+    page.wait_for_selector("#checks-state:has-text('further apart')")
     caught_up(page)
     page.keyboard.press("y")
     page.wait_for_function("name => gruber.checksState().current !== name", arg=name)
@@ -288,14 +288,18 @@ def test_a_fault_is_marked_answered_and_closed_in_the_mosaic__truth(
 ) -> None:
     page = at_the_mosaic(real_desk, sit_at)
     page.wait_for_selector("#fault-mark", timeout=PATIENCE_MS)
+    # What is wrong is said by who marks it, and by nobody else.
+    assert page.is_disabled("#fault-mark")
     page.select_option("#fault-kind", "double")
     page.fill("#fault-words", "church seen twice")
     page.fill("#fault-assigned", "eve")
     page.click("#fault-mark")
     page.click("[data-fault]")
     page.fill("#fault-answer", "seam moved")
+    caught_up(page)
     page.click("#fault-turn")
     page.wait_for_function("!gruber.mosaicState().found.faults[0].open")
+    assert page.input_value("#fault-kind") == ""
     at = page.evaluate("gruber.mosaicState().picked.place")[:2]
     (fault,) = standing_faults(real_desk.session.decisions())
     assert (fault.said.fault, fault.said.words, fault.assigned) == (
@@ -304,6 +308,61 @@ def test_a_fault_is_marked_answered_and_closed_in_the_mosaic__truth(
     assert fault.said.place == pytest.approx(at)
     assert [one.words for _, one in fault.answers] == ["seam moved"]
     assert not fault.is_open
+
+
+FAULT_AT = """id => { const { found, toScreen } = gruber.mosaicState();
+  return toScreen(found.faults.find(one => one.id === id).place); }"""
+
+
+def test_faults_at_one_place_are_one_mark_that_leads_to_each__law(
+    real_desk: RealDesk, sit_at: Sit
+) -> None:
+    page = at_the_mosaic(real_desk, sit_at)
+    for kind in ("double", "tone"):
+        page.select_option("#fault-kind", kind, timeout=PATIENCE_MS)
+        page.click("#fault-mark")
+        page.wait_for_selector(f"[data-fault] >> nth={int(kind == 'tone')}")
+    first, second = page.evaluate("gruber.mosaicState().found.faults.map(one => one.id)")
+    box = page.locator('#mosaic .pane[data-pane="right"]').bounding_box()
+    x, y = page.evaluate(FAULT_AT, first)
+    for wanted in (first, second, first):
+        page.mouse.click(box["x"] + x, box["y"] + y)
+        page.wait_for_selector(f'[data-fault="{wanted}"][aria-expanded=true]')
+        assert page.locator("[data-fault][aria-expanded=true]").count() == 1
+
+
+def test_marks_that_are_not_kept_outlive_the_page_and_are_their_observers_alone__law(
+    planned: None, real_desk: RealDesk, sit_at: Sit
+) -> None:
+    page = sit_down_as(sit_at(real_desk.desk.url, scene=False), "ada")
+    open_checks(page)
+    page.keyboard.press("j")
+    name = mark_place(page, np.array([1.0, 0.0]))
+    marks = page.evaluate("gruber.checksState().marks")
+    page.reload()
+    page.wait_for_selector(".row.current")
+    page.wait_for_function("document.getElementById('who').dataset.name === 'ada'")
+    open_checks(page)
+    assert page.evaluate("gruber.checksState().current") == name
+    assert page.evaluate("gruber.checksState().marks") == marks
+    assert page.inner_text("#checks-state") == "marked, not kept"
+    page.keyboard.press("Escape")
+    sit_down_as(page, "bob")
+    open_checks(page)
+    while page.evaluate("gruber.checksState().current") != name:
+        page.keyboard.press("j")
+    assert page.evaluate("gruber.checksState().marks") == [None, None]
+    page.keyboard.press("Escape")
+    sit_down_as(page, "ada")
+    open_checks(page)
+    page.keyboard.press("y")
+    page.wait_for_function("name => gruber.checksState().current !== name", arg=name)
+    until(lambda: readings(real_desk) == {(name, "ada")})
+    page.reload()
+    page.wait_for_selector(".row.current")
+    page.wait_for_function("document.getElementById('who').dataset.name === 'ada'")
+    open_checks(page)
+    assert page.evaluate("gruber.checksState().marks") == [None, None]
 
 
 def test_marks_are_of_the_mosaic_they_were_set_in__law(
@@ -359,7 +418,8 @@ def test_what_is_said_of_the_mosaic_stays_where_it_cannot_be_sent__law(
     real_desk: RealDesk, sit_at: Sit
 ) -> None:
     page = at_the_mosaic(real_desk, sit_at)
-    page.fill("#fault-words", "church", timeout=PATIENCE_MS)
+    page.select_option("#fault-kind", "double", timeout=PATIENCE_MS)
+    page.fill("#fault-words", "church")
     page.fill("#fault-assigned", "eve")
     with wire_cut(page):
         page.click("#fault-mark")

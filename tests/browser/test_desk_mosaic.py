@@ -266,6 +266,8 @@ def test_a_place_of_misfit_leads_to_its_cause_and_the_queue__law(
     assert view[:2] == pytest.approx(worst["place"], abs=0.2)
     assert page.get_attribute("#mosaic-photo", "title") == worst["photos"][0]
     assert page.locator("#mosaic-cause tr").count() > 0
+    assert page.locator("[data-misfit].on").count() == 1
+    assert "on" in page.get_attribute("[data-misfit] >> nth=0", "class").split()
     # By keys: the second place, then the queue at its photo's points.
     second = page.locator("[data-misfit]").nth(1)
     other = page.evaluate("gruber.mosaicState().found.misfits[1].photos[0]")

@@ -4,13 +4,15 @@ An observer sees neither what the program thinks nor what others read. Every obs
 of places and views of their own, so that no two are led by the same hand.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from core.quality.check_plan import CheckPlace
-from core.quality.readings import PlanFigures, ReadingFigures
+from core.quality.job_rules import USUAL_RULES, JobRules
+from core.quality.readings import PlanFigures, ReadingFigures, doubled_least
 from sessions.checks import (
     StandingPlan,
     judged_parts,
@@ -20,12 +22,14 @@ from sessions.checks import (
 )
 from sessions.decisions import (
     Decision,
+    PlanChecks,
     ReadCheck,
     Recorded,
     Remark,
     SignBlock,
 )
 from sessions.products import digest_of
+from sessions.remarks import is_fault, standing_faults
 from ui.review.check_gestures import CheckRead, Remarked, Reviewed
 from ui.review.drafts import ASKING_SIGMA
 from ui.review.judgement import judge_desk
@@ -34,6 +38,8 @@ from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Notice
 
 Part = dict[str, Any]
+Readings = Mapping[tuple[str, str], tuple[Recorded, ReadCheck]]
+"""The newest reading of every place by every observer, by (place, observer)."""
 SHOWN_PX = 300
 """Width of ground that a view opens on, in pixels of what is read: about two of the screen for one,
 as the two pictures of a point begin."""
@@ -55,7 +61,7 @@ def decided_judgement(
             return (), Notice("notice.check-renewed", grave=True)
         return decided_reading(gesture, desk.recorded, desk.mosaic_version), None
     if isinstance(gesture, Remarked):
-        return ((gesture.said,) if _is_there(gesture.said, desk) else ()), None
+        return decided_remark(gesture.said, desk)
     if desk.state.adjusting:
         return (), Notice("notice.sign-wait")
     on_disk = desk.mosaic_version and desk.state.written and not desk.stale
@@ -70,6 +76,27 @@ def decided_judgement(
     if gesture.judged != judged:
         return (), Notice("notice.sign-renewed", grave=True)
     return (SignBlock(gesture.verdict, gesture.remark, judged),), Notice("notice.signed")
+
+
+def decided_remark(said: Remark, desk: DeskSnapshot) -> tuple[tuple[Remark, ...], Notice | None]:
+    """What is recorded of words; what was said of a fault already is told, and not said twice."""
+    if not _is_there(said, desk):
+        return (), None
+    marked = {str(item.decision_id) for item in desk.recorded if is_fault(item.decision)}
+    if said.subject != "decision" or said.name not in marked:
+        return (said,), None
+    faults = standing_faults(desk.recorded)
+    fault = next((one for one in faults if str(one.recorded.decision_id) == said.name), None)
+    if fault is None:
+        return (), Notice("notice.fault-withdrawn", grave=True)
+    if said.closes is not None and said.closes != fault.is_open:
+        # What another page did meanwhile is not done again; words that came with it are kept.
+        text = "notice.fault-closed" if said.closes else "notice.fault-open"
+        notice = Notice(text, {"who": fault.turned.who}, grave=True)
+        return ((replace(said, closes=None),) if said.words else ()), notice
+    if fault.answers and said.closes is None and said.words == fault.answers[-1][1].words:
+        return (), Notice("notice.fault-said", {"who": fault.answers[-1][0].who})
+    return (said,), None
 
 
 def _is_there(said: Remark, desk: DeskSnapshot) -> bool:
@@ -125,14 +152,21 @@ def seat_checks(operator: str, desk: DeskSnapshot) -> Part:
     plans = standing_plans(desk.recorded)
     places = plans[-1].plan.places if plans else ()
     return {
-        **checks_part(desk.recorded, operator, desk.mosaic_version, pixel),
+        **checks_part(desk.recorded, operator, desk.mosaic_version, pixel, rules=desk.rules),
         "mosaic": mosaic,
         "sigmas": {place.place_id: expected_sigma_m(place, desk, pixel) for place in places},
         "asking": ASKING_SIGMA,
     }
 
 
-def checks_part(recorded: Sequence[Recorded], operator: str, version: str, pixel_m: float) -> Part:
+def checks_part(
+    recorded: Sequence[Recorded],
+    operator: str,
+    version: str,
+    pixel_m: float,
+    *,
+    rules: JobRules = USUAL_RULES,
+) -> Part:
     """What an observer is shown: the places in an order of their own, with their own readings.
 
     Args:
@@ -140,19 +174,14 @@ def checks_part(recorded: Sequence[Recorded], operator: str, version: str, pixel
         operator: The observer.
         version: Of the mosaic on disk; empty where there is none.
         pixel_m: Of what is read: the coarsest of scans, mosaic and reference, metres.
+        rules: The job's limits: how many a second observer reads.
     """
     plans = standing_plans(recorded)
     if not plans:
         return {"plan": None, "places": []}
     newest, read = plans[-1], readings_of(recorded)
     shown = SHOWN_PX * pixel_m
-    others = {
-        place.place_id: sum(
-            one.version == version and one.place_id == place.place_id and who != operator
-            for (_, who), (_, one) in read.items()
-        )
-        for place in newest.plan.places
-    }
+    led = second_places(newest.plan, read, operator, version, rules=rules)
     own = {
         one.place_id: one
         for (_, who), (_, one) in read.items()
@@ -164,10 +193,9 @@ def checks_part(recorded: Sequence[Recorded], operator: str, version: str, pixel
         "places": [
             {
                 **_shown(place, operator, newest.plan.digest, shown),
-                "others": others[place.place_id],
                 **_own(read.get((place.place_id, operator)), version),
             }
-            for place in own_order(newest.plan.places, operator, newest.plan.digest)
+            for place in own_order(newest.plan, operator, led)
             # What was said of a spare stays in sight when its place is opened again.
             if place.place_id in asked | own.keys()
         ],
@@ -200,16 +228,57 @@ def plan_line(one: StandingPlan) -> Part:
     }
 
 
-def own_order(places: Sequence[CheckPlace], operator: str, digest: str) -> tuple[CheckPlace, ...]:
-    """The places in the order in which one observer reads them, each followed by its spares."""
+def own_order(plan: PlanChecks, operator: str, led: Collection[str] = ()) -> tuple[CheckPlace, ...]:
+    """The places in the order in which one observer reads them, each followed by its spares.
+
+    Those they are led to come first, so that nobody is told which they are.
+    """
     cells: list[list[CheckPlace]] = []
-    for place in places:
+    for place in plan.places:
         if place.after:
             cells[-1].append(place)
         else:
             cells.append([place])
-    order = _chance(operator, digest, "order").permutation(len(cells))
-    return tuple(place for number in order for place in cells[number])
+    order = _chance(operator, plan.digest, "order").permutation(len(cells))
+    mixed = sorted((cells[number] for number in order), key=lambda c: c[0].place_id not in led)
+    return tuple(place for cell in mixed for place in cell)
+
+
+def second_places(
+    plan: PlanChecks,
+    read: Readings,
+    operator: str,
+    version: str,
+    *,
+    rules: JobRules = USUAL_RULES,
+) -> frozenset[str]:
+    """Places that an observer is led to because one other has read them: so many as are wanted.
+
+    The first ones that were read count, and what the observer read before others did does not:
+    the places keep their order however much is read meanwhile.
+
+    Args:
+        plan: The plan.
+        read: The newest readings.
+        operator: The observer.
+        version: Of the mosaic.
+        rules: The job's limits.
+    """
+    numbers: dict[str, int] = {}
+    twice = 0
+    for place in (one for one in plan.places if not one.after):
+        said = {
+            who: item.decision_id
+            for (name, who), (item, one) in read.items()
+            if (name, one.version) == (place.place_id, version) and one.mosaic is not None
+        }
+        own = said.pop(operator, None)
+        before = sorted(number for number in said.values() if own is None or number < own)
+        twice += len(before) > 1
+        if len(before) == 1:
+            numbers[place.place_id] = before[0]
+    wanted = max(0, doubled_least(plan.count, rules) - twice)
+    return frozenset(sorted(numbers, key=numbers.__getitem__)[:wanted])
 
 
 def _shown(place: CheckPlace, operator: str, digest: str, shown_m: float) -> Part:
@@ -288,9 +357,12 @@ def _told(one: PlanFigures) -> Part:
         "count": one.count,
         "mean": [_number(value) for value in one.mean_m],
         "shifted": list(one.shifted),
+        "scatter": [_number(value) for value in one.deviation_m],
         "rms": [_number(value) for value in one.rms_m],
         "mp": _number(one.m_p),
         "interval": [_number(value) for value in one.m_p_interval],
+        "ce90": _number(one.circular_error_90),
+        "nmad": [_number(value) for value in one.nmad_m],
         "extreme": [_number(value) for value in one.extreme_m],
     }
 

@@ -34,6 +34,7 @@ from sessions.decisions import (
     last_to_undo,
     standing,
 )
+from sessions.remarks import is_fault
 from sessions.session import Session
 from ui.review.compare import shift_px
 from ui.review.doubtful import key_of_verdict
@@ -426,6 +427,4 @@ def taken_back(
 
 def _vouches(decision: Decision) -> bool:
     """Whether a decision is a signature or a fault."""
-    return isinstance(decision, SignBlock) or (
-        isinstance(decision, Remark) and bool(decision.fault)
-    )
+    return isinstance(decision, SignBlock) or is_fault(decision)

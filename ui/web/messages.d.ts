@@ -456,7 +456,6 @@ interface CheckedPlace {
   /** Middles of the views of mosaic and reference. */
   views: Pair[];
   width: number;
-  others: number;
   state: "open" | "read" | "unreadable" | "outdated";
   marks?: Pair[];
   reason?: string;
@@ -476,8 +475,9 @@ interface CheckSheet {
   asking: number;
 }
 interface ReadRow {
-  count: number; mean: (number | null)[]; shifted: boolean[]; rms: (number | null)[];
-  mp: number | null; interval: (number | null)[]; extreme: (number | null)[];
+  count: number; mean: (number | null)[]; shifted: boolean[]; scatter: (number | null)[];
+  rms: (number | null)[]; mp: number | null; interval: (number | null)[]; ce90: number | null;
+  nmad: (number | null)[]; extreme: (number | null)[];
 }
 interface ReadFigures {
   planned: number; read: number; unreadable: number; doubled: number; together: ReadRow;

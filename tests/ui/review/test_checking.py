@@ -68,12 +68,15 @@ def test_a_surveyed_point_stays_where_it_was_surveyed__law() -> None:
 
 
 def test_no_observer_is_told_where_another_read__law() -> None:
-    """The places of others stand nowhere in what the page gets, only how many there are."""
+    """The places of others stand nowhere in what the page gets, nor how many there are."""
     said = recorded(("bob", read("1-01", 123.456)), ("ada", read("1-02", 7.0)))
     shown = checks_part(said, "ada", VERSION, 0.5)
     assert "123.456" not in json.dumps(shown)
     by_name = {one["place"]: one for one in shown["places"]}
-    assert (by_name["1-01"]["state"], by_name["1-01"]["others"]) == ("open", 1)
+    # A place that only others read looks like one that nobody read.
+    shape = by_name["1-01"].keys()
+    assert by_name["1-01"]["state"] == "open"
+    assert shape == by_name["1-04"].keys()
     assert by_name["1-02"]["marks"] == [[7.0, 0.0], [0.0, 0.0]]
     assert "bob" not in json.dumps(shown["places"])
 
@@ -94,6 +97,32 @@ def test_order_and_views_differ_between_observers_and_last__law() -> None:
         assert one["width"] == 150.0
         # Neither view lies like the other: their middles say nothing of the misfit.
         assert one["views"][0] != one["views"][1]
+
+
+def test_a_second_observer_is_led_to_what_one_other_has_read__law() -> None:
+    """Of eight places three are wanted twice: the first three that were read, in an own order."""
+
+    def order(who: str, *said: tuple[str, Decision]) -> list[str]:
+        return [one["place"] for one in checks_part(recorded(*said), who, VERSION, 0.5)["places"]]
+
+    by_ada = [("ada", read(f"1-0{n}", 1.0)) for n in (7, 2, 5, 8, 1)]
+    plain, led = order("bob"), order("bob", *by_ada)
+    assert set(led[:3]) == {"1-07", "1-02", "1-05"}
+    assert led[:3] != order("eve", *by_ada)[:3]
+    # Everything else, what ada read later among it, stays in the order it had.
+    assert led[3:] == [name for name in plain if name not in led[:3]]
+    # Their own readings move nothing, and whoever was first is led nowhere.
+    by_bob = [("bob", read(name, 1.0)) for name in (led[0], led[5], led[1])]
+    assert order("bob", *by_ada, *by_bob) == led
+    assert order("ada", *by_ada, *by_bob[:1]) == order("ada")
+    # Once three are read twice, a third observer is led nowhere.
+    assert order("eve", *by_ada, *(("bob", read(name, 1.0)) for name in led[:3])) == order("eve")
+    # What was read in another mosaic, or could not be read, is not to be read twice.
+    other = (
+        ("ada", read("1-03", 1.0, "m0")),
+        ("ada", ReadCheck("1-04", None, None, VERSION, "hidden")),
+    )
+    assert order("bob", *other) == plain
 
 
 def test_a_spare_is_asked_for_once_its_place_cannot_be_read__law() -> None:
@@ -221,6 +250,31 @@ def test_words_about_what_is_not_there_are_not_kept__law(desk: DeskSnapshot) -> 
         (Remark("place", "", "dark", (1.0, 2.0), "tone"), True),
     ):
         assert decided_judgement(Remarked("s", said), desk) == (((said,) if kept else ()), None)
+
+
+def test_what_was_said_of_a_fault_on_another_page_is_told_and_not_said_twice__law(
+    desk: DeskSnapshot,
+) -> None:
+    fault = Remark("place", "", "dark", (1.0, 2.0), "tone")
+
+    def said(remark: Remark, *before: tuple[str, Decision]) -> tuple[object, object]:
+        at = replace(desk, recorded=recorded(("ada", fault), *before))
+        decided, notice = decided_judgement(Remarked("s", remark), at)
+        return decided, notice and (notice.text, dict(notice.values))
+
+    close, words = Remark("decision", "2", "", closes=True), Remark("decision", "2", "new seam")
+    opens = replace(close, closes=False)
+    assert said(close) == ((close,), None)
+    assert said(close, ("eve", close)) == ((), ("notice.fault-closed", {"who": "eve"}))
+    # Words that came with it are kept, as an answer.
+    both = replace(words, closes=True)
+    assert said(both, ("eve", close)) == ((words,), ("notice.fault-closed", {"who": "eve"}))
+    assert said(opens, ("eve", close)) == ((opens,), None)
+    twice = ("eve", close), ("bob", opens)
+    assert said(opens, *twice) == ((), ("notice.fault-open", {"who": "bob"}))
+    assert said(words, ("eve", words)) == ((), ("notice.fault-said", {"who": "eve"}))
+    assert said(words, ("eve", Remark("decision", "2", "a house"))) == ((words,), None)
+    assert said(close, ("ada", Withdraw(2))) == ((), ("notice.fault-withdrawn", {}))
 
 
 def test_a_fault_is_shown_with_who_said_what__law(desk: DeskSnapshot) -> None:

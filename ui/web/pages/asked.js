@@ -25,6 +25,12 @@ export class Question {
   show(said) {
     if (said === this.#said) return;
     this.#said = said;
+    this.again();
+  }
+
+  /** In sight again, after something lay over it: it is to be read again. */
+  again() {
+    const said = this.#said;
     this.#since = Infinity;
     requestAnimationFrame(() => {
       if (said === this.#said) this.#since = Math.min(this.#since, now());
@@ -66,8 +72,11 @@ export function setUpAsked(tell) {
   state.tell = tell;
   for (const type of ["pointerdown", "click", "close"]) {
     window.addEventListener(type, ({ target }) => {
-      // Notices in a sheet that is closed are to be seen all the same.
-      if (type === "close") noticeRoom();
+      // Notices in a sheet that is closed are to be seen all the same, and so are questions.
+      if (type === "close") {
+        noticeRoom();
+        for (const one of questions) one.again();
+      }
       const own = target instanceof Element
         && target.closest("#turning, #asked.turning, [data-act=undo]");
       if (!own) dropTurning();

@@ -1,11 +1,13 @@
 // Checks: the same detail marked in mosaic and reference, without the program's opinion.
-import { again, byId, element, first, focused, number, renew, start, word } from "./words.js";
+import { again, byId, element, first, focused, renew, start, word } from "./words.js";
 import { cleared, crosshair, expectedMark, measuredMark, scaleBar } from "./overlay.js";
 import {
   drawLayer, groundFromLayer, layerFromGround, mosaicLayer, onTile, orthoLayer,
 } from "./tiles.js";
 import { ARROWS, Pane, View, ZOOMS, oncePerFrame, paneElement } from "./view.js";
 import { Question, onceRead, undoOrRedo } from "./asked.js";
+import { keepMarks, recallMarks } from "./unsaved.js";
+import { sitting } from "./people.js";
 import { send } from "./wire.js";
 
 const SIDES = ["mosaic", "reference"];
@@ -28,8 +30,9 @@ const state = {
   asking: false,
   /** What stood of a place before it was said not to be identifiable: its answer is awaited. */
   waiting: /** @type {{ decision?: number } | null} */ (null),
-  /** Marks that nobody has kept yet, by mosaic and place. @type {Map<string, (Pair | null)[]>} */
-  drafts: new Map(),
+  /** Marks that nobody has kept yet, by mosaic and place; and whose they are. */
+  drafts: recallMarks(""),
+  whose: "",
   /** The reading that was asked about: once more keeps it. */
   doubted: "",
   /** True where marks were left behind in an earlier mosaic. */
@@ -86,7 +89,8 @@ const isDone = (/** @type {CheckedPlace} */ { state: known }) =>
 export function showChecks(found) {
   const sheet = byId("checks");
   if (!sheet.open) return;
-  const [before, shown] = [now(), state.found?.mosaic?.version];
+  const [before, shown, whose] = [now(), state.found?.mosaic?.version, sitting()];
+  if (whose !== state.whose) Object.assign(state, { whose, drafts: recallMarks(whose) });
   const had = state.drafts.has(draftName());
   state.found = found;
   const renewed = Boolean(before) && shown !== found.mosaic?.version;
@@ -104,8 +108,9 @@ export function showChecks(found) {
   const rooms = () => element("div", { class: "two-panes" }, ...state.panes.map((pane, side) =>
     element("figure", { "data-side": SIDES[side] }, caption(side), pane.room)));
   // A spare that is no longer asked for leaves one at the place that it stood in for.
-  const place = now() ?? placeNamed(before?.after) ?? found.places.find((one) => !isDone(one))
-    ?? found.places[0];
+  const place = now() ?? placeNamed(before?.after)
+    ?? found.places.find(({ place: name }) => state.drafts.has(draftName(name)))
+    ?? found.places.find((one) => !isDone(one)) ?? found.places[0];
   renew(first(".view-body", sheet), () =>
     [head(found, place), rooms(), ...(state.asking ? [whyNot()] : [])]);
   if (place.place !== state.current || renewed) choose(place, renewed && had);
@@ -212,7 +217,7 @@ function head({ places }, place) {
   const at = places.indexOf(place) + 1;
   const far = isDoubted() && farOff();
   question.show(far ? state.doubted : "");
-  const said = far ? word("checks.far", far) : stateOf(place);
+  const said = far ? word("checks.far") : stateOf(place);
   return element("header", {}, element("h2", {}, word("checks")),
     element("b", { id: "checks-place" }, place.place),
     element("span", { class: "muted" }, word("checks.at", { at, count: places.length })),
@@ -273,21 +278,26 @@ function put(side, ground) {
   if (start.guest || (side === 1 && now()?.surveyed)) return;
   state.marks[side] = ground;
   state.last = side;
-  state.drafts.set(draftName(), state.marks);
+  draft(state.marks);
   refresh();
+}
+
+/** The marks of this place wait, or no longer do. @param {(Pair | null)[] | null} marks */
+function draft(marks) {
+  if (marks) state.drafts.set(draftName(), marks);
+  else state.drafts.delete(draftName());
+  keepMarks(state.whose, draftName(), marks);
 }
 
 const isDoubted = () => state.doubted !== "" && state.doubted === JSON.stringify(state.marks);
 
-/** How far off the two marks are, where that is more than may be expected. */
+/** Whether the two marks lie further apart than may be expected: nobody is told how far. */
 function farOff() {
   const { found, current, marks: [mosaic, reference] } = state;
   const sigmas = found?.sigmas[current];
-  if (!found || !sigmas || !mosaic || !reference) return null;
-  const off = mosaic.map((value, axis) => value - reference[axis]);
-  const ratio = Math.hypot(...off.map((value, axis) => value / sigmas[axis]));
-  return ratio <= found.asking ? null
-    : { off: number(Math.hypot(...off), 1), sigma: number(ratio, ratio < 10 ? 1 : 0) };
+  if (!found || !sigmas || !mosaic || !reference) return false;
+  const ratios = mosaic.map((value, axis) => (value - reference[axis]) / sigmas[axis]);
+  return Math.hypot(...ratios) > found.asking;
 }
 
 function keep() {
@@ -306,7 +316,7 @@ function sendReading(place, mosaic, reference) {
   const round = (/** @type {Pair} */ pair) => pair.map((value) => Math.round(value * 1000) / 1000);
   if (!send({ kind: "check-read", place: place.place, mosaic: round(mosaic),
     reference: round(reference), version: state.found?.mosaic?.version })) return;
-  state.drafts.delete(draftName());
+  draft(null);
   goOn();
 }
 
@@ -329,7 +339,7 @@ function unreadable(reason) {
   if (send({ kind: "check-read", place: state.current, reason,
     version: state.found?.mosaic?.version })) {
     state.waiting = { decision: now()?.decision };
-    state.drafts.delete(draftName());
+    draft(null);
   }
   refresh();
 }
@@ -375,7 +385,7 @@ function nudge([right, down], times) {
   const metres = NUDGE * times * start.lattice.pixel;
   state.marks[state.last] = [mark[0] + right * metres, mark[1] - down * metres];
   const known = state.drafts.has(draftName());
-  state.drafts.set(draftName(), state.marks);
+  draft(state.marks);
   return state.doubted || !known ? forget() : redraw();
 }
 
@@ -405,9 +415,8 @@ function draw() {
     if (mark) measuredMark(over, onScreen(mark), COLOUR);
     scaleBar(over, size, pane.view.scale, side ? start.ortho_pixel : mosaic.pixel ?? 1);
     const { cursor } = state;
+    // Without coordinates: who copies them from one picture to the other reads nothing.
     if (cursor?.side === side) crosshair(over, pane.screenFromLayer(cursor.at), width, height);
-    pane.where.textContent = cursor?.side === side
-      ? groundFromLayer(cursor.at).map((value) => number(value, 1)).join("  ") : "";
   });
 }
 

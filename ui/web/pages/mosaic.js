@@ -3,7 +3,7 @@ import { undoOrRedo } from "./asked.js";
 import {
   drawEdit, dragCorner, dropCorner, editKey, editState, gripCorner, isEditing, putCorner, setUpEdit,
 } from "./mosaic_edit.js";
-import { drawFaults } from "./faults.js";
+import { chooseFault, drawFaults } from "./faults.js";
 import {
   CHOSEN, drawBorders, drawHoles, drawMisfits, drawSeams, photoAt,
 } from "./mosaic_marks.js";
@@ -69,8 +69,13 @@ const HAND = {
   },
   click: (pane, screen) => {
     const place = pane.layerFromScreen(screen);
-    if (isEditing()) putCorner(groundFromLayer(place));
-    else pick(place);
+    if (isEditing()) return putCorner(groundFromLayer(place));
+    const fault = state.found
+      && chooseFault(state.found, (ground) => onPane(pane, ground), screen);
+    if (!fault) return pick(place);
+    pick(layerFromGround(fault.place));
+    refresh();
+    first(`[data-fault="${fault.id}"]`, byId("mosaic")).scrollIntoView({ block: "nearest" });
   },
 };
 
@@ -381,7 +386,7 @@ function drawMarks(pane, found) {
   if (look.borders) drawBorders(context, found, onScreen, chosen);
   const named = look.seams ? drawSeams(context, found, onScreen, chosen) : [];
   drawHoles(context, found, onScreen, view.scale);
-  drawMisfits(context, found, onScreen, named);
+  drawMisfits(context, found, onScreen, named, picked);
   drawFaults(context, found, onScreen);
   if (picked) {
     const [east, north] = picked.place;

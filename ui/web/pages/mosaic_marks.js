@@ -82,17 +82,19 @@ export function drawHoles(context, { holes = [] }, onScreen, scale) {
 /**
  * Shifts of places, enlarged so that they are seen; dashed where this is not sure.
  * @param {Context} context @param {Mosaic} found @param {OnScreen} onScreen
- * @param {Box[]} named where names of photos are
+ * @param {Box[]} named where names of photos are @param {PickedPlace | null} picked
  */
-export function drawMisfits(context, { misfits = [] }, onScreen, named) {
+export function drawMisfits(context, { misfits = [] }, onScreen, named, picked) {
   const { clientWidth, clientHeight } = context.canvas;
   const taken = [...named];
   context.font = FONT;
   for (const { place, shift: [east, north], length, significant } of misfits) {
     const [x, y] = onScreen(place);
     const [right, down] = [east, -north].map((value) => (value / (length || 1)) * ARROW_PX);
-    context.setLineDash(significant ? [] : [3, 3]);
-    halo(context, MISFIT, significant ? 2 : 1.2, () => {
+    if (!isInside([x, y], [clientWidth, clientHeight])) continue;
+    const chosen = isAt(picked, place);
+    context.setLineDash(significant || chosen ? [] : [3, 3]);
+    halo(context, chosen ? CHOSEN : MISFIT, chosen ? 3 : significant ? 2 : 1.2, () => {
       context.arc(x, y, 5, 0, 7);
       context.moveTo(x, y);
       context.lineTo(x + right, y + down);
@@ -102,12 +104,26 @@ export function drawMisfits(context, { misfits = [] }, onScreen, named) {
     const wide = context.measureText(said).width;
     const at = roomFor(wide, [x, y], down > 0, [clientWidth, clientHeight], taken);
     taken.push(boxOf(at, wide));
-    text(context, said, at, MISFIT);
+    text(context, said, at, chosen ? CHOSEN : MISFIT);
   }
 }
 
+/**
+ * Whether a place is the one that is asked about.
+ * @param {PickedPlace | null} picked @param {Pair} place told to a tenth of a metre
+ */
+export const isAt = (picked, [east, north]) => picked !== null
+  && Math.hypot(picked.place[0] - east, picked.place[1] - north) < 0.05;
+
+/**
+ * Whether a mark is in sight: words about others would stand at the edge.
+ * @param {Pair} mark @param {Pair} size of the picture
+ */
+export const isInside = ([x, y], [width, height]) =>
+  x > -ARROW_PX && y > -ARROW_PX && x < width + ARROW_PX && y < height + ARROW_PX;
+
 /** @param {Pair} place where words begin, on their line @param {number} wide @returns {Box} */
-const boxOf = ([x, y], wide) => [x, y - LINE_PX, x + wide, y];
+export const boxOf = ([x, y], wide) => [x, y - LINE_PX, x + wide, y];
 
 /**
  * Where words about a mark begin: off its arrow, inside the picture and over no other words.

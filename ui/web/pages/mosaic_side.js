@@ -1,8 +1,15 @@
 // What is told beside the mosaic: how old it is, what a place on it leads to, and its holes.
 import { faultList, markFault } from "./faults.js";
 import { editSide, editTools } from "./mosaic_edit.js";
+import { isAt } from "./mosaic_marks.js";
 import { element, number, shortName, shortPoint, squareMetres, start, word } from "./words.js";
 import { send } from "./wire.js";
+
+const HIGH_PX = 900; // design: below, what is wrong here would be pushed out of sight
+const state = {
+  /** Parts that a hand folded or unfolded. @type {Map<string, boolean>} */
+  unfolded: new Map(),
+};
 
 /**
  * What the buttons set off.
@@ -24,8 +31,8 @@ export function mosaicSide(found, picked, status, acts) {
       pixel: number(found.pixel, 2, "m"), area: number((found.area ?? 0) / 1e6, 2),
       count: found.seams?.length ?? 0, when: found.written ?? "",
     })),
-    ...stale(found, status, acts), ...place(picked, acts), ...markFault(picked),
-    ...faultList(found, acts.ask, acts.refresh), ...misfits(found, acts),
+    ...stale(found, status, acts), ...misfits(found, picked, acts), ...place(picked, acts),
+    ...markFault(picked), ...behind(picked), ...faultList(found, acts.ask, acts.refresh),
     ...editSide(found),
     ...holes(found, acts),
     element("p", { class: "muted" }, word("mosaic.hint")),
@@ -60,7 +67,7 @@ function place(picked, { leave }) {
   const { photo, place: at } = picked;
   const where = figure("place", at.slice(0, 2).map((value) => number(value, 1)).join("  "));
   if (!photo) return [element("h3", {}, word("mosaic.nothing")), where];
-  const { sigma, others = [] } = picked;
+  const { sigma } = picked;
   const precision = sigma ? word("mosaic.sigma.of",
     { east: number(sigma[0], 2), north: number(sigma[1], 2) }) : word("mosaic.unknown");
   const near = picked.points
@@ -75,11 +82,6 @@ function place(picked, { leave }) {
     leave("queue");
     send({ kind: "near", photo, place: at.slice(0, 2) });
   };
-  const seen = others.map(([name, nadir, pixel]) => element("tr",
-    { class: name === photo ? "on" : "" }, element("td", { class: "name" }, shortName(name)),
-    element("td", {}, number(nadir, 0, "\u00b0")), element("td", {}, number(pixel, 2, "m"))));
-  const heads = ["photo", "nadir", "pixel"].map((name) =>
-    element("th", {}, word(`mosaic.${name}`)));
   return [
     element("h3", { id: "mosaic-photo", title: photo }, shortName(photo),
       picked.shown === photo ? "" : ` \u00b7 ${word("mosaic.beside")}`,
@@ -92,36 +94,59 @@ function place(picked, { leave }) {
       element("button", { id: "mosaic-scene", onclick: scene }, word("mosaic.scene")),
       element("button", { id: "mosaic-queue", onclick: queue, disabled: !picked.points },
         word("mosaic.queue"))),
-    ...cause(picked),
-    element("h3", {}, word("sight.title")),
-    element("table", { class: "film-table" }, element("tr", {}, ...heads), ...seen),
   ];
+}
+
+/** What lies behind a place: what holds its photo, and which photos see it. */
+function behind(/** @type {PickedPlace | null} */ picked) {
+  if (!picked?.photo) return [];
+  const seen = (picked.others ?? []).map(([name, nadir, pixel]) => element("tr",
+    { class: name === picked.photo ? "on" : "" }, element("td", { class: "name" }, shortName(name)),
+    element("td", {}, number(nadir, 0, "\u00b0")), element("td", {}, number(pixel, 2, "m"))));
+  const heads = ["photo", "nadir", "pixel"].map((name) =>
+    element("th", {}, word(`mosaic.${name}`)));
+  const table = element("table", { class: "film-table" }, element("tr", {}, ...heads), ...seen);
+  return [folded("mosaic.cause", ...cause(picked)), folded("sight.title", table)];
+}
+
+/**
+ * A part that is unfolded where the window is high, until a hand says otherwise.
+ * @param {string} name @param {Node[]} children
+ */
+function folded(name, ...children) {
+  const room = /** @type {HTMLDetailsElement} */ (element("details",
+    { open: state.unfolded.get(name) ?? window.innerHeight > HIGH_PX },
+    element("summary", { onclick: () => state.unfolded.set(name, !room.open) }, word(name)),
+    ...children));
+  return room;
 }
 
 /** What holds the photo near by. @param {PickedPlace} picked */
 function cause({ control = [], ties }) {
-  const rows = control.map(({ point, away, residual, state }) => element("tr", {},
+  const rows = control.map(({ point, away, residual, state: known }) => element("tr", {},
     element("td", { class: "name", title: point }, shortPoint(point)),
     element("td", {}, number(away, 0, "m")),
     element("td", {}, residual === null ? "" : number(residual, 1, "px")),
-    element("td", { class: state === "dubious" ? "doubted" : "" }, word(`state.${state}`))));
+    element("td", { class: known === "dubious" ? "doubted" : "" }, word(`state.${known}`))));
   const held = ties ? word("mosaic.ties.of", { count: ties.count, metres: number(ties.away, 0),
     rms: number(ties.rms, 2), largest: number(ties.largest, 2) }) : word("mosaic.ties.none");
-  return [element("h3", {}, word("mosaic.cause")),
-    element("table", { class: "film-table", id: "mosaic-cause" }, ...rows),
+  return [element("table", { class: "film-table", id: "mosaic-cause" }, ...rows),
     element("p", { id: "mosaic-ties", class: "muted" }, held)];
 }
 
-/** Places that are likely wrong, worst first. @param {Mosaic} found @param {Acts} acts */
-function misfits({ misfits: places = [] }, { ask }) {
+/**
+ * Places that are likely wrong, worst first.
+ * @param {Mosaic} found @param {PickedPlace | null} picked @param {Acts} acts
+ */
+function misfits({ misfits: places = [] }, picked, { ask }) {
   if (!places.length) return [element("p", { class: "muted" }, word("mosaic.misfit.none"))];
   const lines = places.map(({ kind, height, length, photos, place: ground, predicted, sigma,
     significant }) => {
     const what = word(`mosaic.misfit.${kind}`, { height: number(height, 0) });
     const tip = word("mosaic.misfit.tip", { length: number(length, 2), sigma: number(sigma, 2),
       predicted: number(predicted, 2) });
-    return element("button", { class: "scan", "data-misfit": kind, title: `${what}: ${tip}`,
-      onclick: () => ask(ground, photos[0]) },
+    return element("button", { class: `scan${isAt(picked, ground) ? " on" : ""}`,
+      "data-misfit": kind, title: `${what}: ${tip}`, onclick: () => ask(ground, photos[0]) },
     element("span", { class: significant ? "doubted" : "" }, `${number(length, 1, "m")} ${what}`,
       significant ? "" : `, ${word("mosaic.misfit.unsure")}`),
     element("span", { class: "muted" }, photos.map(shortName).join(" | ")));

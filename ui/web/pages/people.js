@@ -26,8 +26,11 @@ function askName() {
   byId("naming").showModal();
 }
 
+/** The name under which one decides. */
+export const sitting = () => byId("who").dataset.name ?? "";
+
 /** Whether somebody is the one who sits here. @param {{ who: string }} said */
-export const isOwn = ({ who }) => !start.guest && who === byId("who").dataset.name;
+export const isOwn = ({ who }) => !start.guest && who === sitting();
 
 function takeName() {
   const name = byId("name-field").value.trim();

@@ -1,7 +1,7 @@
 // The numbers of the current point: figures old and new, why it is doubtful, its peaks, scans.
 import {
-  MARKED_SIGMA, all, between, byId, element, first, moment, number, numbers, renew, roleGlyph,
-  shortName, shortPoint, shows, start, stateGlyph, tip, word,
+  MARKED_SIGMA, all, between, byId, clamped, element, first, moment, number, numbers, renew,
+  roleGlyph, shortName, shortPoint, shows, start, stateGlyph, tip, word,
 } from "./words.js";
 import { leftOut } from "./asked.js";
 import { ellipseRadius } from "./expected.js";
@@ -82,7 +82,8 @@ function showHistory(point) {
       "data-decision": id };
     return element("li", { class: stands ? "" : "withdrawn", title },
       span(when.slice(11, 16), "faint"), span(word(`did.${what}`), ""),
-      span(word(...detail), "faint"), span(who, "muted"), element("button", button, word(turn)));
+      element("span", { class: "faint" }, clamped(word(...detail))), span(who, "muted"),
+      element("button", button, word(turn)));
   });
   const title = history.length ? [element("h3", {}, word("history"))] : [];
   return renew(room, ...title, element("ul", {}, ...lines), ...saying(key, history));

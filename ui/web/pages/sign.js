@@ -1,5 +1,5 @@
 // Under Block quality: what readings say, the rules of the job, and who vouches for the block.
-import { between, element, moment, number, shortName, start, word } from "./words.js";
+import { between, clamped, element, moment, number, shortName, start, word } from "./words.js";
 import { Question, once, onceRead } from "./asked.js";
 import { isOwn } from "./people.js";
 import { send } from "./wire.js";
@@ -33,7 +33,7 @@ export function signing({ signatures, judged }) {
     class: `decided signature${one.changed.length ? " doubted" : ""}`, "data-who": one.who,
   }, element("b", {}, word(`accepted.${one.verdict}`)),
   ` \u00b7 ${one.who} \u00b7 ${moment(one.when)} UTC \u00b7 `, element("code", {}, one.digest),
-  one.remark ? ` \u00b7 ${word("detail.words", { words: one.remark })}` : "",
+  ...one.remark ? [" \u00b7 ", clamped(word("detail.words", { words: one.remark }))] : [],
   one.changed.length ? element("span", { class: "outdated" }, " \u00b7 ",
     word("signed.outdated"), " ",
     one.changed.map((name) => word(`signed.part.${name}`)).join(between())) : "", " ",
@@ -100,11 +100,13 @@ export function ruled({ rules }, look) {
 }
 
 /** @param {string} name @param {ReadRow} row */
-function readRow(name, { count, mean, shifted, rms, mp, interval, extreme }) {
+function readRow(name, { count, mean, shifted, interval, extreme, ...row }) {
+  const { scatter, rms, mp, ce90, nmad } = row;
   const figures = [
     ...mean.map((value, axis) => cell(number(value, 3), shifted[axis] ? "warned" : "")),
-    ...rms.map((value) => cell(number(value, 3))), cell(number(mp, 3)),
+    ...[...scatter, ...rms, mp].map((value) => cell(number(value, 3))),
     cell(interval.map((value) => number(value, 2)).join("\u2013")),
+    ...[ce90, ...nmad].map((value) => cell(number(value, 3))),
     ...extreme.map((value) => cell(number(value, 2))),
   ];
   return element("tr", { "data-observer": name }, cell(name), cell(`${count}`), ...figures);
@@ -116,8 +118,9 @@ export function readings({ read }) {
   const said = word("checks.figures", { read: read.read, planned: read.planned,
     doubled: read.doubled, unreadable: read.unreadable });
   if (!read.read) return part("checks", element("p", {}, said));
-  const heads = [word("head.observer"), "n", "c_X", "c_Y", "m_X", "m_Y", "m_p", "95 %",
-    "\u0394X max", "\u0394Y max"].map((name) => element("th", {}, name));
+  const heads = [word("head.observer"), "n", "c_X", "c_Y", "s_X", "s_Y", "m_X", "m_Y", "m_p",
+    "95 %", "CE90", "NMAD X", "NMAD Y", "\u0394X max", "\u0394Y max"].map((name) =>
+    element("th", {}, name));
   const lines = [
     readRow(word("head.all-places"), read.together),
     ...read.observers.map(([who, row]) => readRow(who, row)),

@@ -5,7 +5,12 @@ import { SHAPES } from "./icons.js";
 export const start = /** @type {any} */ ({
   words: {}, messages: {}, keys: [], palette: { states: {} }, photos: [],
 });
-const state = { prefix: "", suffix: "", halves: /** @type {number[] | null} */ (null) };
+const LONG = 200; // design: three lines of a narrow panel
+const state = {
+  prefix: "", suffix: "", halves: /** @type {number[] | null} */ (null),
+  /** Long words that somebody wanted to read whole. @type {Set<string>} */
+  whole: new Set(),
+};
 const NUMERAL = /^[+\-\u2212]?\d+(?:\.\d+)?$/;
 /** A time as it is kept, or already shortened. */
 const MOMENT = /^(\d{4})-(\d\d)-(\d\d)[T ](\d\d:\d\d)(?::\d\d(?:\.\d+)?(?:\+00:00)?)?$/;
@@ -124,6 +129,24 @@ export function element(tag, attributes = {}, ...children) {
   }
   made.append(...children.filter((child) => child !== null && child !== undefined));
   return made;
+}
+
+/** What a person wrote: three lines of it where it is long, and a button that shows all. */
+export function clamped(/** @type {string} */ words) {
+  if (words.length <= LONG) return words;
+  const { whole } = state;
+  const shown = element("span", {}, words);
+  const more = element("button", { class: "small", "data-more": words.slice(0, LONG) });
+  const show = () => {
+    shown.className = whole.has(words) ? "" : "clamped";
+    more.textContent = word(whole.has(words) ? "words.less" : "words.more");
+  };
+  more.addEventListener("click", () => {
+    if (!whole.delete(words)) whole.add(words);
+    show();
+  });
+  show();
+  return element("span", {}, shown, " ", more);
 }
 
 /**
