@@ -16,10 +16,10 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, cast
 
+from app.block_list import blocks_in
 from app.block_toml import FILE, folder_of
 from app.project import read_project
 from app.run import NOTHING_STANDS, STAGE_NAMES, Run, RunOptions
-from app.start import blocks_in
 from app.terminal import JsonLines, Voice, interruptible
 from core.errors import PhotogrammetryError, ProjectError
 from core.formats.records import plain_bytes

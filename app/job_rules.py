@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from app.block_schema import Key, Unit
-from app.block_toml import FILE, Document, FieldError, Table
+from app.block_toml import Document, FieldError, Table
 from core.errors import ProjectError
 from core.quality.job_rules import (
     AUTHORITIES,
@@ -52,11 +52,6 @@ def read_rules(file: Path | None) -> JobRules:
         # A form shows an error of a field beside it, and this file has none.
         raise ProjectError(error.file, error.cause, error.remedy) from error
     return rules
-
-
-def rules_of(folder: Path) -> JobRules:
-    """Limits of a block by its folder; raises as `read_rules`, and for its `block.toml`."""
-    return read_rules(Document(folder / FILE).table("block").file("rules"))
 
 
 def _value(table: Table, name: str) -> Any:

@@ -1,6 +1,5 @@
 """The start page: from any folder to a block that can be run, and to the run itself."""
 
-import json
 import os
 import secrets
 import threading
@@ -8,12 +7,12 @@ import time
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from app.block_form import BlockForm
+from app.block_list import MOST_LISTED, block_told, blocks_in, was_made
 from app.block_toml import FILE, RASTERS
 from app.folder_scan import DEPTH, VECTORS, Findings, find, folders_of_scans, is_plain, with_named
-from app.job_rules import rules_of
 from app.margin import read_scan
 from app.new_block import Recognition, recognise_files
 from app.placing import drawn_raw
@@ -28,17 +27,14 @@ from app.start_checks import (
     outlines_of,
     stages_ahead,
 )
-from core.adjustment.adjusted import AdjustmentReport
 from core.doubts import Failure
 from core.errors import PhotogrammetryError, ProjectError, ScanError, StorageError
 from core.raster.scan_file import ScanFile, ScanFiles, open_scan
 from core.said import say
 from core.scans.text_reader import installed_reader
 from sessions.atomic_write import clean_leftovers, whole_file
-from sessions.checks import judged_parts, standing_signatures, version_on_disk
 from sessions.disk import explain_disk_errors
-from sessions.remarks import standing_faults
-from sessions.session import HIDDEN, RESULTS, Session
+from sessions.session import HIDDEN, Session
 from ui.review.looks import page_palette
 from ui.web.access import Access, lasting_token
 from ui.web.front import Front, FrontInputs, Opened
@@ -47,12 +43,8 @@ from ui.web.tiles import ScanTiles
 
 ANSWERED_S = 0.2
 """Time for the last answer of the page, seconds."""
-MOST_LISTED = 500
-"""Folders that are listed at once."""
 MOST_OUTLINES = 400
 """Outlines that the map is given."""
-BLOCKS_DEPTH = 2
-"""How deep a folder is looked through for blocks."""
 OWN_NAMES = frozenset({"results", "session.gpkg"})
 """What Gruber writes itself and nobody uploads."""
 
@@ -433,56 +425,9 @@ class Starting:
             return [], [[True, "error", {"text": error.told}]]
 
 
-def was_made(folder: Path, stage: str) -> bool:
-    """True when a stage has a product in the block of a folder."""
-    return any((folder / HIDDEN / "products" / stage).rglob("*.value"))
-
-
 KNOWN = RASTERS | VECTORS
 LOOK_AGAIN = "Load the page again."
 WRITABLE = "Give yourself the right to write there."
-
-
-def blocks_in(folder: Path) -> list[dict[str, Any]]:
-    """Blocks below a folder, with whether they were run; none in a block's own folder."""
-    if (folder / FILE).is_file():
-        return []
-    found: list[Path] = []
-    for depth in range(1, BLOCKS_DEPTH + 1):
-        with suppress(OSError):
-            found += folder.glob("/".join(["*"] * depth + [FILE]))
-    return [
-        {
-            "path": path.parent.relative_to(folder).as_posix(),
-            "run": was_made(path.parent, "control"),
-        }
-        for path in sorted(found)[:MOST_LISTED]
-    ]
-
-
-def block_told(folder: Path) -> dict[str, Any]:
-    """How good a block is by its last report, its open faults, and who has signed it."""
-    told: dict[str, Any] = {"sigma": None, "m_p": None, "open": 0, "signed": []}
-    if not was_made(folder, "control"):
-        return told
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        figures = json.loads((folder / RESULTS / "report.json").read_text(encoding="utf-8"))
-        told["sigma"] = figures["adjustment"]["sigma_nought"]
-        told["m_p"] = figures["checked"]["figures"]["together"]["m_p"]
-    # What of them cannot be read is told of when the desk is opened.
-    with suppress(StorageError, ProjectError), Session.open(folder, "gruber") as session:
-        decisions = session.decisions()
-        told["open"] = sum(one.is_open for one in standing_faults(decisions))
-        if not standing_signatures(decisions, {}):
-            return told
-        report = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
-        version, rules = version_on_disk(session.products), rules_of(folder)
-        now = {} if report is None else judged_parts(decisions, report, version, rules)
-        told["signed"] = [
-            [one.recorded.who, one.said.verdict, one.holds]
-            for one in standing_signatures(decisions, now)
-        ]
-    return told
 
 
 def free_bytes(folder: Path) -> int:

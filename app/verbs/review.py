@@ -5,12 +5,13 @@ import webbrowser
 from dataclasses import replace
 from pathlib import Path
 
+from app.block_list import blocks_in
 from app.block_toml import folder_of
 from app.desk.inputs import desk_inputs
 from app.desk.wiring import OpenDesk, open_desk
 from app.placing import Placing, open_placing, placeable
 from app.project import Project, read_project
-from app.start import blocks_in, open_start, wants_start
+from app.start import open_start, wants_start
 from app.terminal import Voice
 from core.said import say
 from sessions.disk import may_be_written

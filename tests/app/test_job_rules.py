@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.job_rules import read_rules, rules_lines, rules_of
+from app.job_rules import read_rules, rules_lines
 from app.project import described, read_project
 from core.errors import ProjectError
 from core.pipeline import STAGES
@@ -38,7 +38,6 @@ def made(tmp_path: Path) -> Made:
 def test_a_file_holds_the_limits_that_differ__truth(made: Made) -> None:
     rules = read_project(made(OWN, NAMED)).rules
     assert rules == replace(USUAL_RULES, tilt_deg=2.5, readings=40)
-    assert rules == rules_of(made(OWN, NAMED))
     assert read_project(made(OWN, TOML)).rules == USUAL_RULES == read_rules(None)
 
 
@@ -59,10 +58,9 @@ def test_what_no_limit_can_be_is_refused_with_file_key_and_remedy__truth(
     made: Made, rules: str, words: tuple[str, ...]
 ) -> None:
     folder = made(rules, NAMED)
-    for read in (read_project, rules_of):
-        with pytest.raises(ProjectError) as refused:
-            read(folder)
-        assert all(word in refused.value.told for word in words), refused.value.told
+    with pytest.raises(ProjectError) as refused:
+        read_project(folder)
+    assert all(word in refused.value.told for word in words), refused.value.told
 
 
 def test_a_file_that_is_not_there_is_named_with_its_key__truth(made: Made) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 import errno
+import json
 import os
 import shutil
 from contextlib import nullcontext
@@ -12,14 +13,16 @@ from typing import Any, cast
 import cv2
 import pytest
 
+from app.block_list import block_told, blocks_in
 from app.cli import CANCELLED, main
 from app.folder_scan import is_plain
 from app.project import read_project
-from app.start import Starting, block_told, blocks_in, wants_start
+from app.start import Starting, wants_start
 from app.verbs.review import Visit, review
 from core.doubts import Failure
 from core.errors import PhotogrammetryError, ProjectError, StorageError
-from sessions.checks import judged_parts, version_on_disk
+from core.quality.check_plan import CheckPlace
+from sessions.checks import judged_parts, new_plan, version_on_disk
 from sessions.decisions import DrawMask, PlaceFiducial, PlacePhoto, ReadCheck, Remark, SignBlock
 from sessions.session import FILE as SESSION_FILE
 from sessions.session import Session
@@ -293,6 +296,9 @@ def test_a_block_in_the_list_tells_figures_open_faults_and_who_signed__truth(
     (one,) = Starting(folder.parent).found()["blocks"]
     assert (one["path"], one["run"], one["open"], one["signed"]) == (folder.name, True, 0, [])
     assert one["sigma"] == pytest.approx(1.0, abs=0.3)
+    figures = json.loads((folder / "results" / "report.json").read_text(encoding="utf-8"))
+    assert one["predicted"] == figures["certificate"]["predicted_m"] > 0
+    assert one["m_p"] is None
     with Session.open(folder, "ada") as session:
         for kind in ("tone", "cut"):
             session.record(Remark("place", "", "dark", (1.0, 2.0), kind))
@@ -305,8 +311,24 @@ def test_a_block_in_the_list_tells_figures_open_faults_and_who_signed__truth(
     assert (told["open"], told["signed"]) == (1, [["ada", "accept", True]])
     with Session.open(folder, "bob") as session:
         session.record(Remark("place", "", "again", (1.0, 2.0), "tone"))
+        plan = new_plan(
+            [CheckPlace(f"{n}", n, n) for n in range(4)],
+            (2, 2),
+            1,
+            "",
+            beforehand=True,
+            decisions=(),
+        )
+        session.record(plan)
+        for place in plan.places:
+            session.record(ReadCheck(place.place_id, (3.0, 4.0), (0.0, 0.0), version))
     told = block_told(folder)
     assert (told["open"], told["signed"]) == (2, [["ada", "accept", False]])
+    # By the session: what was read since the report was written.
+    assert told["m_p"] == pytest.approx(5.0)
+    assert told["why"] == ""
+    (folder / "block.toml").write_text("[scans\n", encoding="utf-8")
+    assert "line 1" in f"{block_told(folder)['why']}"
 
 
 def test_a_folder_of_blocks_lists_them_and_opens_one__truth(
@@ -315,8 +337,8 @@ def test_a_folder_of_blocks_lists_them_and_opens_one__truth(
     shutil.copytree(tiny_block, tmp_path / "many" / "one")
     (tmp_path / "many" / "empty").mkdir()
     starting = Starting(tmp_path / "many")
-    bare = {"path": "one", "run": False, "sigma": None, "m_p": None, "open": 0, "signed": []}
-    bare |= {"written": True}
+    bare = {"path": "one", "run": False, "written": True, "why": "", "sigma": None}
+    bare |= {"predicted": None, "m_p": None, "open": 0, "signed": []}
     assert starting.found()["blocks"] == [bare]
     # Scans beside blocks, for which nobody has written a block.toml yet.
     shutil.copytree(tiny_block / "scans", tmp_path / "many" / "new" / "scans")

@@ -273,6 +273,35 @@ def test_a_signature_is_outdated_by_a_decision_and_holds_again_once_undone__law(
     assert len(real_desk.session.decisions()) == known
 
 
+def test_the_button_beside_an_own_signature_asks_as_undo_does__law(
+    real_desk: RealDesk, sit_at: Sit
+) -> None:
+    page = sit_at(real_desk.desk.url, scene=False)
+    settled(page)
+    page.keyboard.press("b")
+    page.select_option("#sign-verdict", "reject", timeout=PATIENCE_MS)
+    page.fill("#sign-remark", "a shifted corner. " * 40)
+    caught_up(page)
+    page.click("#sign")
+    page.wait_for_selector(".signature")
+    # So long a remark pushes nothing away.
+    said = page.locator(".signature .clamped")
+    low = said.bounding_box()["height"]
+    page.click(".signature [data-more]")
+    assert page.locator(".signature [data-more] >> text=Show less").count() == 1
+    assert page.locator(".signature").bounding_box()["height"] > low + 20
+    known = len(real_desk.session.decisions())
+    for key in ("j", "u"):
+        page.click(".signature > button")
+        page.wait_for_selector("#quality #turning:has-text('Withdraw your signature')")
+        caught_up(page)
+        page.keyboard.press(key)
+        page.wait_for_selector("#turning", state="detached")
+        caught_up(page)
+        assert len(real_desk.session.decisions()) == known + (key == "u")
+    page.wait_for_selector(".signature", state="detached")
+
+
 def at_the_mosaic(real_desk: RealDesk, sit_at: Sit) -> Any:
     """A desk with the mosaic open and a place of it chosen by key."""
     page = sit_at(real_desk.desk.url, scene=False)

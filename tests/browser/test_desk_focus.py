@@ -332,6 +332,41 @@ def test_a_question_is_answered_only_once_it_is_read__law(page: Any, real_desk: 
     assert len(real_desk.session.decisions()) == before + 1
 
 
+UNCOVERED = """() => new Promise((done) => {
+  const sheet = document.querySelector("dialog[open]");
+  sheet.addEventListener("close", () => {
+    const pressed = new KeyboardEvent("keydown", { key: "y", code: "KeyY", bubbles: true });
+    document.body.dispatchEvent(pressed);
+    done();
+  });
+  sheet.close();
+})"""
+"""Y as soon as the sheet over the desk is gone."""
+
+
+def test_a_question_behind_a_sheet_is_read_once_the_sheet_is_gone__law(
+    page: Any, real_desk: RealDesk
+) -> None:
+    box = page.locator('.pane[data-pane="right"]').bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2 + 60, box["y"] + box["height"] / 2 - 60)
+    page.wait_for_function("gruber.parts.point.draft && !gruber.isAhead()")
+    before = len(real_desk.session.decisions())
+    page.keyboard.press("y")
+    page.wait_for_function("gruber.parts.point.draft?.asking")
+    page.keyboard.press("h")
+    page.wait_for_selector("#help[open]")
+    caught_up(page)
+    page.evaluate(UNCOVERED)
+    page.wait_for_selector(f".notice >> text={words()['notice.unread']}")
+    assert page.evaluate("gruber.parts.point.draft.asking")
+    assert len(real_desk.session.decisions()) == before
+    caught_up(page)
+    page.keyboard.press("y")
+    page.wait_for_function("!gruber.parts.point.draft")
+    settled(page)
+    assert len(real_desk.session.decisions()) == before + 1
+
+
 HASTY = """new MutationObserver((_, hand) => {
   const keep = document.querySelector("#asked.against [data-answer='draft.keep']");
   if (!keep) return;

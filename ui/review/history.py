@@ -205,6 +205,7 @@ def turn_back(
 
     Undo gives up the draft that is shown instead where nothing that stands was decided since.
     A plan of checks and a signature are asked about first: nothing is recorded, and the seat asks.
+    What is asked about is answered, whatever was decided since.
 
     Args:
         session: Where it is recorded.
@@ -221,10 +222,14 @@ def turn_back(
     others |= _words_elsewhere(decisions) if seat.sheet == "mosaic" else set()
     whose = seat.operator, kinds, others, own
     last = last_to_undo(decisions, *whose) if act == "undo" else None
+    asked = seat.turning[0] if seat.turning else 0
+    if act == "undo" and asked and (last is None or last.decision_id != asked):
+        back, _ = taken_back(asked, decisions, seat.operator, again=False)
+        made_now = session.record_all(back, None, seat.operator) if back else ()
+        return made_now, replace(seat, turning=None)
     shown = mark if seat.sheet else seat.current
     if act == "undo" and shown and is_newer(seat, shown, last):
         return (), seat.without_draft(shown).without_mark(*shown)
-    asked = seat.turning[0] if seat.turning else 0
     if last is not None and last.decision_id != asked and (about := _undo_question(last.decision)):
         return (), replace(seat, turning=(last.decision_id, about))
     known = len(decisions)
@@ -423,6 +428,18 @@ def taken_back(
         ]
         turned = (Withdraw(undone[-1]),) if again and undone else ()
     return turned, None if turned else Notice("notice.turned")
+
+
+def asked_back(
+    decision_id: int, recorded: Sequence[Recorded], seat: Seat, *, again: bool
+) -> tuple[tuple[Withdraw, ...], Seat, Notice | None]:
+    """The same for a seat, which asks first where undo would; undo answers it."""
+    turned, notice = taken_back(decision_id, recorded, seat.operator, again=again)
+    if turned and not again:
+        item = next(one for one in recorded if one.decision_id == decision_id)
+        if about := _undo_question(item.decision):
+            return (), replace(seat, turning=(decision_id, about)), None
+    return turned, seat, notice
 
 
 def _vouches(decision: Decision) -> bool:

@@ -61,7 +61,7 @@ from ui.review.gestures import (
     Undone,
     VectorsScaled,
 )
-from ui.review.history import own_rejections, taken_back
+from ui.review.history import asked_back, own_rejections
 from ui.review.mark_gestures import MarkDropped, MarkGesture, MarkJudged, MarkPlaced
 from ui.review.new_points import begun
 from ui.review.picture import Part
@@ -135,7 +135,7 @@ def _record(gesture: TakenBack | Reviewed, seat: Seat, desk: DeskSnapshot) -> Ou
     """A decision turned round, or one that judges the block and changes nothing of it."""
     if isinstance(gesture, TakenBack):
         number, again = gesture.decision_id, gesture.again
-        decided, notice = taken_back(number, desk.recorded, seat.operator, again=again)
+        decided, seat, notice = asked_back(number, desk.recorded, seat, again=again)
         return Outcome(seat, decided, notice=notice)
     decided, notice = decided_judgement(gesture, desk)
     return Outcome(seat, decided, notice=notice)

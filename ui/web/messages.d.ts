@@ -615,7 +615,8 @@ interface Found {
   outlines: { kind: string; name: string; crs: Told; corners: Pair[] }[];
   form: Form;
   /** Figures of the last report; verdicts with whether they still hold. */
-  blocks: { path: string; run: boolean; written: boolean; sigma: number | null; m_p: number | null; open: number;
+  blocks: { path: string; run: boolean; written: boolean; why: Told; sigma: number | null;
+    predicted: number | null; m_p: number | null; open: number;
     signed: [who: string, verdict: string, holds: boolean][] }[];
   links: string[];
   /** Files and folders that were uploaded to this page. */

@@ -30,6 +30,7 @@ from sessions.session import Session
 from tests.ui.desk_block import tiny_snapshot
 from ui.review.history import (
     KEPT,
+    asked_back,
     history_of,
     key_of,
     own_rejections,
@@ -295,3 +296,24 @@ def test_signatures_and_faults_are_withdrawn_by_those_whose_they_are__law():
         else:
             assert (turned, told) == ((Withdraw(number),), None)
         assert taken_back(number, recorded, "bob", again=False)[0] == (Withdraw(number),)
+
+
+def test_a_signature_is_asked_about_before_its_button_withdraws_it__law(tmp_path):
+    """As undo asks; the answer is about what was asked, whatever was decided since."""
+    with Session.open(tmp_path, "ada") as session:
+        session.record(SignBlock("reject", "", {}))
+        session.record(Accept("A", "one"))
+        decided, seat, notice = asked_back(1, session.decisions(), Seat("s", "ada"), again=False)
+        assert (decided, notice) == ((), None)
+        assert seat.turning is not None
+        assert (seat.turning[0], seat.turning[1].text) == (1, "undo.ask.SignBlock")
+        (withdrawn,), after = turn_back(session, "undo", seat, {}, ())
+        assert (withdrawn.decision, after.turning) == (Withdraw(1), None)
+        # Anything else goes at once, and nobody else's signature is asked about.
+        decided, seat, _ = asked_back(2, session.decisions(), after, again=False)
+        assert (decided, seat) == ((Withdraw(2),), after)
+        session.record(SignBlock("accept", "", {}), operator="bob")
+        decided, seat, notice = asked_back(4, session.decisions(), after, again=False)
+        assert (decided, seat) == ((), after)
+        assert notice is not None
+        assert notice.text == "notice.not-yours"

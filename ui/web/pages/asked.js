@@ -145,6 +145,16 @@ export function answersNo(event) {
   return dropTurning() && event.key === "Escape";
 }
 
+/**
+ * `U` answers it with yes, in a sheet that has no undo of its own.
+ * @param {KeyboardEvent} event
+ */
+export function answersYes(event) {
+  if (!state.turning || event.type !== "keydown" || letterOf(event) !== "KeyU") return false;
+  if (!event.repeat) undo();
+  return true;
+}
+
 /** Where other scans are proposed to show the point. @param {Point} point @returns {Key[]} */
 export const proposalsOf = ({ key: [name], others }) => others
   .filter(({ state: known }) => known === "proposed").map(({ photo }) => [name, photo]);

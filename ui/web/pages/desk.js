@@ -7,8 +7,8 @@ import {
 } from "./queue.js";
 import { showMany, showPoint } from "./point.js";
 import {
-  answersNo, areRead, askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, once, onceRead,
-  noticeRoom, proposalsOf, question, setUpAsked, undo,
+  answersNo, answersYes, areRead, askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, once,
+  onceRead, noticeRoom, proposalsOf, question, setUpAsked, undo,
 } from "./asked.js";
 import {
   blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
@@ -231,6 +231,7 @@ function sheetKey(event, /** @type {HTMLDialogElement} */ sheet) {
   if (sheet.id === "mask") return maskKey(event, letter);
   if (sheet.id === "mosaic") return mosaicKey(event, letter);
   if (sheet.id === "checks") return checksKey(event, letter);
+  if (answersYes(event)) return true;
   const closes = event.key === "Escape" || letter === CLOSED_BY[sheet.id];
   if (closes && event.type === "keydown") sheet.close();
   return event.key === "Escape" || event.key.length === 1;

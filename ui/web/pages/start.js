@@ -76,12 +76,14 @@ function folderPart({ folder, blocks, home }) {
 }
 
 /** @param {Found["blocks"][number]} block */
-function blockTold({ run: walked, written, sigma, m_p: mp, open: faults, signed }) {
+function blockTold({ run: walked, why, written, sigma, predicted, m_p: mp, open: faults, signed }) {
+  const broken = why ? [word("start.block.broken", { why })] : [];
   if (!written) return [word("start.block.new")];
-  if (!walked) return [word("start.block.unrun")];
-  return [word("start.block.run"),
-    ...sigma === null ? [] : [word("start.block.sigma", { value: number(sigma, 2) })],
-    ...mp === null ? [] : [word("start.block.read", { value: number(mp, 2) })],
+  if (!walked) return why ? broken : [word("start.block.unrun")];
+  const figures = Object.entries({ sigma, predicted, read: mp }).filter(([, value]) =>
+    value !== null).map(([name, value]) =>
+    word(`start.block.${name}`, { value: number(value, 2) }));
+  return [...broken, word("start.block.run"), ...figures,
     ...faults ? [word("start.block.faults", { count: faults })] : [],
     ...signed.map(([who, verdict, holds]) => word(holds ? "start.block.signed"
       : "start.block.outdated", { who, verdict: word(`accepted.${verdict}`) }))];
