@@ -96,6 +96,8 @@ def add_review(verb: Parser) -> None:
 def add_report(verb: Parser) -> None:
     """Arguments of `report`."""
     add_block(verb)
+    earlier = "compare with an earlier state: the folder of a copy, or a report.json that was kept"
+    verb.add_option("--against OTHER", earlier, type=Path)
     verb.set_defaults(workers=Settings().workers)
 
 
@@ -376,6 +378,7 @@ VERBS = {
         {
             "gruber report kobyli-1938": "prints where it is",
             "gruber report kobyli-1938 --language cs": "in Czech",
+            "gruber report kobyli-1938 --against signed/report.json": "what has changed since",
         },
         add_report,
     ),

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, cast
 
 import shapely
@@ -13,6 +14,7 @@ from app.misfit import make_comparisons, make_misfit, make_places
 from app.mosaic import compare_neighbours, make_change, make_mosaic
 from app.orthos import make_orthos
 from app.project import Project, described
+from app.report.against import read_earlier
 from app.report.checked import REMARK_COLUMNS, REMARKS, remark_rows
 from app.report.model import ReportContent, written_now
 from app.report.page import write_report
@@ -91,6 +93,8 @@ class RunOptions:
     """Pieces of a stage that run side by side."""
     language: str = ""
     """Of the report; that of the last one when left out."""
+    against: Path | None = None
+    """Folder or report.json of an earlier state that the report is compared with."""
 
 
 class Run:
@@ -113,6 +117,8 @@ class Run:
         self.threads = Threads(options.workers, lambda: self.interruption.check())
         self.interruption = Interruption()
         self.films: Films = {}
+        scans = [scan.path.stem for scan in self.given.scans]
+        self.earlier = None if options.against is None else read_earlier(options.against, scans)
         self.ended_early = ""
         """Why the walk went no further than the adjustment; empty where it did."""
 
@@ -399,9 +405,11 @@ class Run:
             timings_s=self.seconds,
             written=written_now(self.session.operator),
             decisions=self.session.decisions(),
+            proposed=self.assembly.report.block,
             mosaic_version=version_on_disk(self.session.products),
             rules=self.project.rules,
             exposed=self.project.exposed,
+            against=self.earlier,
             language=self.language,
             provenance={f"digest of {name}": text[:16] for name, text in self.digests.items()},
         )

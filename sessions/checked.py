@@ -1,6 +1,7 @@
 """What readings say of the mosaic, beside what the adjustment lets expect of them."""
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +14,11 @@ from core.mosaic.seams import Seam
 from core.quality.job_rules import USUAL_RULES, JobRules
 from core.quality.readings import (
     Foretold,
+    PlanFigures,
+    Reading,
     ReadingFigures,
     compare_with_prediction,
+    reading_figures,
     reading_findings,
 )
 from core.quality.rules import Finding, release_limit_m
@@ -96,6 +100,23 @@ def checked_by_hand(
     replaced = replaced_readings(decisions, version)
     findings = reading_findings(figures, limit, foretold, replaced, rules=rules)
     return Checked(figures, foretold, tuple(findings))
+
+
+def figures_by(
+    readings: Sequence[Reading], group_of: Mapping[str, str]
+) -> Mapping[str, PlanFigures]:
+    """Figures of each group of places, every place once; groups in the order of their names.
+
+    Args:
+        readings: Of one plan.
+        group_of: The group of each place, by its name; places without one count in none.
+    """
+    groups: dict[str, list[Reading]] = defaultdict(list)
+    for reading in readings:
+        if group := group_of.get(reading.place_id):
+            groups[group].append(reading)
+    return {name: reading_figures(groups[name], len(groups[name])).together
+            for name in sorted(groups)}  # fmt: skip
 
 
 def _places_read(

@@ -172,20 +172,30 @@ def checked_figures(
         plan: The plan.
         version: Of the mosaic.
     """
-    sigmas = {place.place_id: place.sigma_m for place in plan.plan.places}
-    said = [
-        (who, one)
-        for (place_id, who), (_, one) in readings_of(decisions).items()
-        if place_id in sigmas and one.version == version
-    ]
-    readings = [
-        Reading(one.place_id, who, difference_m(one), sigmas[one.place_id])
-        for who, one in said
-        if one.mosaic is not None and one.reference is not None
-    ]
+    readings = plan_readings(decisions, plan, version)
+    names = {place.place_id for place in plan.plan.places}
+    tried = {
+        place_id
+        for (place_id, _), (_, one) in readings_of(decisions).items()
+        if place_id in names and one.version == version
+    }
     read = {one.place_id for one in readings}
-    tried = {one.place_id for _, one in said}
     return reading_figures(readings, plan.plan.count, len(tried - read))
+
+
+def plan_readings(
+    decisions: Sequence[Recorded], plan: StandingPlan, version: str
+) -> tuple[Reading, ...]:
+    """What observers read at the places of one plan, in one version of the mosaic."""
+    sigmas = {place.place_id: place.sigma_m for place in plan.plan.places}
+    return tuple(
+        Reading(one.place_id, who, difference_m(one), sigmas[one.place_id])
+        for (place_id, who), (_, one) in readings_of(decisions).items()
+        if place_id in sigmas
+        and one.version == version
+        and one.mosaic is not None
+        and one.reference is not None
+    )
 
 
 def replaced_readings(decisions: Sequence[Recorded], version: str) -> int:

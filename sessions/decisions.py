@@ -390,6 +390,15 @@ def standing(decisions: Sequence[Recorded]) -> tuple[Recorded, ...]:
     return tuple(reversed(kept))
 
 
+def withdrawals(decisions: Sequence[Recorded]) -> Mapping[int, Recorded]:
+    """The withdrawal of each decision that no longer stands, by the number of that decision."""
+    return {
+        item.decision.decision_id: item
+        for item in standing(decisions)
+        if isinstance(item.decision, Withdraw)
+    }
+
+
 def changing(decisions: Sequence[Recorded]) -> tuple[Recorded, ...]:
     """Records that say something of the block itself: nothing that judges, nor its undoing."""
     judging: set[int] = set()

@@ -20,16 +20,20 @@ class Fault:
     """What was said of it since, in order."""
 
     @property
-    def is_open(self) -> bool:
-        """False once the last answer that says so closed it."""
-        said = [one.closes for _, one in self.answers if one.closes is not None]
-        return not (said and said[-1])
-
-    @property
     def turned(self) -> Recorded:
         """Who said last whether it is open: at first who marked it."""
         said = [item for item, one in self.answers if one.closes is not None]
         return said[-1] if said else self.recorded
+
+    @property
+    def is_open(self) -> bool:
+        """False once the last answer that says so closed it."""
+        return not (isinstance(self.turned.decision, Remark) and self.turned.decision.closes)
+
+    @property
+    def closing(self) -> Recorded | None:
+        """The answer that closed it; None while it is open."""
+        return None if self.is_open else self.turned
 
     @property
     def assigned(self) -> str:

@@ -1,30 +1,39 @@
-"""What people did: decisions, plans of checks, readings, rules and signatures; JSON-able."""
+"""What people found: plans of checks, readings, rules, signatures and remarks; JSON-able."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from app.report.decisions import minute
+from app.report.protocol_figures import PLACES
 from app.report.tables import Cell
 from core.adjustment.adjusted import AdjustmentReport
 from core.quality.job_rules import USUAL_RULES, JobRules
 from core.quality.judged_rules import JudgedRule
+from core.geometry.crs import Bounds
+from core.mosaic.misfit import photos_shown
+from core.mosaic.seams import Seam
+from core.quality.check_plan import CheckPlace
 from core.quality.readings import (
     Foretold,
     PlanFigures,
+    Reading,
     ReadingFigures,
 )
-from sessions.checked import Checked
+from sessions.checked import Checked, figures_by
 from sessions.checks import (
     StandingPlan,
     checked_figures,
     difference_m,
     judged_parts,
     outdated_readings,
+    plan_readings,
     readings_of,
     standing_plans,
     standing_signatures,
 )
-from sessions.decisions import Decision, Recorded, Withdraw, standing
+from sessions.decisions import Recorded
 from sessions.remarks import standing_faults, standing_remarks
 from ui.review.rule_rows import source_of
 from ui.words.catalogue import Teller
@@ -36,33 +45,6 @@ REMARKS = "remarks.csv"
 REMARK_COLUMNS = "number,when,who,subject,name,X,Y,fault,words,assigned,state"
 
 
-KINDS = {
-    "Accept": "accepted",
-    "ChoosePeak": "accepted",
-    "Place": "placed",
-    "Reject": "rejected",
-    "MarkNotVisible": "rejected",
-    "MarkDubious": "unsure",
-    "AddPoint": "points added",
-    "BringPoints": "points brought",
-    "SetRole": "roles set",
-    "JudgeTie": "ties judged",
-    "JudgePhoto": "photos judged",
-    "JudgeFiducial": "fiducials",
-    "PlaceFiducial": "fiducials",
-    "DrawMask": "masks drawn",
-    "PlacePhoto": "photos placed",
-    "FillMarks": "fiducials",
-    "SeamLine": "seams drawn",
-    "SeamArea": "seams drawn",
-    "PlanChecks": "checks planned",
-    "ReadCheck": "checks read",
-    "SignBlock": "signatures",
-    "Remark": "remarks",
-}
-"""What each kind of decision is counted as."""
-
-
 def checked_part(
     report: AdjustmentReport,
     decisions: Sequence[Recorded],
@@ -70,6 +52,8 @@ def checked_part(
     checked: Checked | None,
     judged: Sequence[JudgedRule],
     *,
+    seams: Sequence[Seam],
+    bounds: Bounds,
     rules: JobRules = USUAL_RULES,
 ) -> Figures:
     """Everything about checks that the report tells.
@@ -80,13 +64,17 @@ def checked_part(
         version: Of the mosaic.
         checked: What readings say; None without a plan.
         judged: Every rule that concerns the block.
+        seams: Which photo, taken when, the mosaic shows where.
+        bounds: Of the block's footprints, metres.
         rules: Limits of the job.
     """
     plans = standing_plans(decisions)
+    read = plan_readings(decisions, plans[-1], version) if plans else ()
     now = judged_parts(decisions, report, version, rules)
     return {
         "plans": [_plan(one, decisions, version) for one in plans],
         "figures": None if checked is None else _figures(checked.figures, rules),
+        "groups": _groups(read, plans[-1].plan.places, seams, bounds) if read else {},
         "prediction": None if checked is None else _prediction(checked.foretold),
         "readings": _readings(plans, decisions, version),
         "rules": [
@@ -111,7 +99,7 @@ def signature_figures(decisions: Sequence[Recorded], now: Mapping[str, str]) -> 
     return [
         {
             "who": one.recorded.who,
-            "when": one.recorded.when[:16].replace("T", " "),
+            "when": minute(one.recorded.when),
             "verdict": one.said.verdict,
             "remark": one.said.remark,
             "digest": one.digest,
@@ -131,7 +119,7 @@ def remark_figures(decisions: Sequence[Recorded]) -> list[Figures]:
     return [
         {
             "number": item.decision_id,
-            "when": item.when[:16].replace("T", " "),
+            "when": minute(item.when),
             "who": item.who,
             "subject": said.subject,
             "name": said.name,
@@ -140,10 +128,13 @@ def remark_figures(decisions: Sequence[Recorded]) -> list[Figures]:
             "words": said.words,
             "assigned": fault.assigned if fault else said.assigned,
             "open": fault.is_open if fault else None,
+            "closed_by": closing.who if closing else "",
+            "closed_when": minute(closing.when) if closing else "",
             "closes": said.closes,
         }
         for item, said in standing_remarks(decisions)
         for fault in [faults.get(item.decision_id)]
+        for closing in [fault.closing if fault else None]
     ]
 
 
@@ -175,10 +166,21 @@ def observer_rows(figures: Figures | None) -> list[tuple[str, Figures]]:
 
 
 def readings_told(checked: Figures, tell: Teller) -> Figures:
-    """Title and table of observers of the chapter of readings."""
+    """Title of the chapter of readings, its table of observers, and one for each grouping.
+
+    Everything in one group is what all places say: such a grouping is left out.
+    """
+    names = {"parts": "report.place.", "kinds": "report.readings.kind."}
+    groups = {
+        name: [(tell(names[name] + row["group"]) if name in names else row["group"], row)
+               for row in rows]
+        for name, rows in checked["groups"].items()
+        if len(rows) > 1
+    }  # fmt: skip
     return {
         "readings_title": readings_title(checked, tell),
         "by_observer": observer_rows(checked["figures"]),
+        "by_group": groups,
     }
 
 
@@ -196,7 +198,7 @@ def _plan(one: StandingPlan, decisions: Sequence[Recorded], version: str) -> Fig
     """A plan, with m_p of its readings where there are some."""
     found = checked_figures(decisions, one, version)
     return {
-        "when": one.recorded.when[:16].replace("T", " "),
+        "when": minute(one.recorded.when),
         "who": one.recorded.who,
         "places": one.plan.count,
         "spares": len(one.plan.places) - one.plan.count,
@@ -232,6 +234,31 @@ def _figures(found: ReadingFigures, rules: JobRules) -> Figures:
         ],
         "observer_m": found.observer_m,
         "observer_share": found.observer_share,
+    }
+
+
+def _groups(
+    read: Sequence[Reading], places: Sequence[CheckPlace], seams: Sequence[Seam], bounds: Bounds
+) -> Figures:
+    """Figures by part of the block, kind of place, photo that is shown there, and its year."""
+    grounds = np.array([(place.east, place.north) for place in places]).reshape(-1, 2)
+    names = [place.place_id for place in places]
+    photos = dict(zip(names, photos_shown(grounds, seams), strict=True))
+    years = {seam.photo_id: seam.date[:4] for seam in seams}
+    west, south, east, north = bounds
+    size = np.maximum((east - west, north - south), 1e-9)
+    cells = np.clip(((grounds - (west, south)) / size * 3).astype(int), 0, 2)
+    parts = [PLACES[3 * (2 - row) + column] for column, row in cells.tolist()]
+    kinds = ["surveyed" if place.sigma_m > 0 else "reference" for place in places]
+    groups = {
+        "parts": dict(zip(names, parts, strict=True)),
+        "kinds": dict(zip(names, kinds, strict=True)),
+        "photos": photos,
+        "years": {name: years.get(photo, "") for name, photo in photos.items()},
+    }
+    return {
+        name: [{"group": group, **plan_row(row)} for group, row in figures_by(read, of).items()]
+        for name, of in groups.items()
     }
 
 
@@ -275,7 +302,7 @@ def _readings(
         {
             "place": one.place_id,
             "who": who,
-            "when": item.when[:16].replace("T", " "),
+            "when": minute(item.when),
             "reference": None if one.reference is None else list(one.reference),
             "difference_m": None if one.mosaic is None else list(difference_m(one)),
             "reason": one.reason,
@@ -284,51 +311,3 @@ def _readings(
         for (_, who), (item, one) in sorted(read.items())
         if one.place_id in names
     ]
-
-
-def decision_figures(recorded: Sequence[Recorded]) -> dict[str, Any]:
-    """Decisions that stand, by operator and kind, and all of them one by one, newest first.
-
-    Args:
-        recorded: Every decision of the session, withdrawals included.
-    """
-    plain = [one for one in recorded if not isinstance(one.decision, Withdraw)]
-    kept = [one for one in standing(recorded) if not isinstance(one.decision, Withdraw)]
-    operators, numbers = sorted({one.who for one in kept}), {one.decision_id for one in kept}
-    counts = {
-        who: Counter(KINDS[type(one.decision).__name__] for one in kept if one.who == who)
-        for who in operators
-    }
-    used = {kind for counter in counts.values() for kind in counter}
-    return {
-        "count": len(kept),
-        "taken_back": len(plain) - len(kept),
-        "kinds": [kind for kind in dict.fromkeys(KINDS.values()) if kind in used],
-        "operators": [
-            {
-                "who": who,
-                "first": min(one.when for one in kept if one.who == who),
-                "last": max(one.when for one in kept if one.who == who),
-                "count": sum(counts[who].values()),
-                "by_kind": dict(counts[who]),
-            }
-            for who in operators
-        ],
-        "log": [
-            {
-                "number": one.decision_id,
-                "when": one.when[:16].replace("T", " "),
-                "who": one.who,
-                "kind": KINDS[type(one.decision).__name__],
-                "about": _about(one.decision),
-                "stands": one.decision_id in numbers,
-            }
-            for one in reversed(plain)
-        ],
-    }
-
-
-def _about(decision: Decision) -> str:
-    """Names of the point and photo that a decision is about, where it is about any."""
-    named = (getattr(decision, name, "") for name in ("point_id", "photo_id", "name"))
-    return " ".join(str(name) for name in named if name)

@@ -1,13 +1,15 @@
-"""Drawings of the accuracy report as SVG, from its figures alone."""
+"""Drawings of the accuracy report as SVG, from its figures alone; and the figures of its map."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, floor, hypot, log10, sqrt
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 from shapely.geometry import Polygon
 
+from core.adjustment.adjusted import AdjustmentReport
 from ui.review.scene import short_names
 from ui.words.catalogue import Teller
 
@@ -24,6 +26,8 @@ HOLE = 9.0
 """Smallest ring about a hole of the mosaic."""
 VECTOR_SHARE = 0.045
 """A large residual vector is drawn this long, as a share of the width."""
+SHOWN_TIES = 4000
+"""Tie points drawn in the block figure at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +44,48 @@ class _Sheet:
             MARGIN + (position[0] - self.west) * self.per_metre,
             MARGIN + (self.north - position[1]) * self.per_metre,
         )
+
+
+def map_figures(report: AdjustmentReport, footprints: Mapping[str, Polygon]) -> dict[str, Any]:
+    """What the block figure draws, in the block's CRS."""
+    block = report.block
+    ties = report.tie_positions[np.isfinite(report.tie_positions).all(axis=1), :2]
+    ties = ties[:: max(1, -(-len(ties) // SHOWN_TIES))]
+    control = [
+        {
+            "point_id": name,
+            "position": block.surveyed[name].position[:2].tolist(),
+            "vector_m": (position - block.surveyed[name].position)[:2].tolist(),
+        }
+        for name, position in report.surveyed_positions.items()
+        if block.surveyed[name].role == "control"
+    ]
+    left_out = {key[0] for key in block.measurements} - set(report.surveyed_positions)
+    return {
+        "footprints": {
+            name: [[round(x, 2), round(y, 2)] for x, y, *_ in polygon.exterior.coords]
+            for name, polygon in footprints.items()
+        },
+        "centres": {
+            name: {"position": photo.exterior.centre[:2].tolist(), "oriented": photo.oriented}
+            for name, photo in block.photos.items()
+        },
+        "ties": np.round(ties, 1).tolist(),
+        "control": control,
+        "checks": [
+            {
+                "point_id": check.point_id,
+                "position": block.surveyed[check.point_id].position[:2].tolist(),
+                "vector_m": check.difference_m[:2].tolist(),
+            }
+            for check in report.checks
+        ],
+        "left_out": [
+            block.surveyed[name].position[:2].tolist()
+            for name in sorted(left_out)
+            if block.surveyed[name].role == "control"
+        ],
+    }
 
 
 def draw_map(figures: Figures, tell: Teller) -> tuple[Markup, float | None]:
@@ -77,7 +123,7 @@ def draw_misfit(figures: Figures, misfit: Figures, tell: Teller) -> tuple[Markup
     for number, place in enumerate(misfit["places"], 1):
         at = sheet.at(place["position"])
         if place["significant"]:
-            parts.append(_dot(at, "hole", max(HOLE, place["radius_m"] * sheet.per_metre)))
+            parts.append(_dot(at, "hole", HOLE))
         parts.append(_text((at[0], at[1] - 5), str(number), "seamname"))
     parts.append(_scale_bar(sheet, tell))
     if enlarged is not None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from shapely.geometry import Polygon
 
 from app.report.accuracy import (
@@ -18,7 +19,10 @@ from app.report.accuracy import (
     pointing_figures,
     residual_figures,
 )
-from app.report.checked import checked_part, decision_figures
+from app.report.against import compare_states
+from app.report.checked import checked_part
+from app.report.decisions import decision_figures
+from app.report.drawing import map_figures
 from app.report.mosaic import fault_figures, misfit_figures, mosaic_figures
 from app.report.protocol_figures import (
     control_in_use,
@@ -32,8 +36,9 @@ from core.block import Block, Photo
 from core.control.calibration_check import Bin, calibration_error
 from core.doubts import Doubt
 from core.geometry.camera import Camera
+from core.geometry.crs import Bounds
 from core.mosaic.comparison import MosaicAccuracy
-from core.mosaic.fault_places import FaultPlace, misfit_findings
+from core.mosaic.fault_places import FaultPlace, by_length, misfit_findings
 from core.mosaic.misfit_places import Misfit
 from core.mosaic.seam_fit import SeamFit
 from core.mosaic.seams import Seam
@@ -58,9 +63,6 @@ from sessions.checked import Checked, Predicted, checked_by_hand
 from sessions.decisions import Recorded
 from sessions.remarks import fault_findings, standing_faults
 from ui.words.catalogue import LANGUAGES
-
-SHOWN_TIES = 4000
-"""Tie points drawn in the block figure at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,12 +136,16 @@ class ReportContent:
     """Date, operator and version."""
     decisions: Sequence[Recorded] = ()
     """Every decision of the session."""
+    proposed: Block | None = None
+    """The block before any of them; None where it is not known."""
     mosaic_version: str = ""
     """What the mosaic was made of, as readings of it say; empty where there is none."""
     rules: JobRules = USUAL_RULES
     """Limits by which the block is judged."""
     exposed: Mapping[str, str] = field(default_factory=dict[str, str])
     """When each photo was taken, as far as that is known."""
+    against: Mapping[str, Any] | None = None
+    """Report of an earlier state that this one is compared with; None: with none."""
     language: str = LANGUAGES[0]
     """Of the page; the JSON knows one language."""
 
@@ -155,23 +161,14 @@ def gather(content: ReportContent) -> dict[str, Any]:
     standing = {name: footprints[name] for name, photo in block.photos.items() if photo.oriented}
     findings, release, checked = _judged(content, standing)
     figures = {
-        "verdict": [
-            {
-                "kind": one.kind,
-                "grave": one.grave,
-                "sentence": one.sentence,
-                "stands_for": one.stands_for,
-                **one.values,
-            }
-            for one in findings
-        ],
+        "verdict": [_finding_figures(one) for one in findings],
         "written": None if content.written is None else asdict(content.written),
-        "decisions": decision_figures(content.decisions),
+        "decisions": decision_figures(content.decisions, content.proposed),
         "pointing": pointing_figures(block.measurements.values()),
         "block": _block_figures(content),
         "adjustment": _adjustment_figures(report, rules),
         "checks": check_accuracy(report, rules),
-        "checked": _checked_figures(content, findings, release, checked),
+        "checked": _checked_figures(content, footprints, findings, release, checked),
         "comparisons": [comparison_accuracy(*item) for item in content.comparisons.items()],
         "control": {**_control_figures(report), **control_in_use(report, content.influence)},
         "residuals": residual_figures(report),
@@ -187,18 +184,31 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "cameras": _camera_figures(content),
         "doubts": _doubts(content),
         "set_aside": dict(content.set_aside),
-        "map": _map_figures(report, footprints),
+        "map": map_figures(report, footprints),
         "mosaic": None
         if content.mosaic is None
         else mosaic_figures(content.mosaic, content.seams, content.holes or (), content.seam_fits),
         "change": dict(content.change),
         "misfit": misfit_figures(content.misfit),
-        "likely_faults": [fault_figures(place) for place in content.likely_faults],
+        "likely_faults": [fault_figures(place) for place in by_length(content.likely_faults)],
         "sheets": [] if content.sheets is None else sheet_figures(content.sheets.files),
         "timings_s": dict(content.timings_s),
         "provenance": dict(content.provenance),
     }
-    return json_value(figures)
+    told = json_value(figures)
+    earlier = content.against
+    told["against"] = None if earlier is None else json_value(compare_states(told, earlier))
+    return told
+
+
+def _finding_figures(one: Finding) -> dict[str, Any]:
+    return {
+        "kind": one.kind,
+        "grave": one.grave,
+        "sentence": one.sentence,
+        "stands_for": one.stands_for,
+        **one.values,
+    }
 
 
 def _doubts(content: ReportContent) -> list[dict[str, Any]]:
@@ -242,6 +252,7 @@ def _judged(
 
 def _checked_figures(
     content: ReportContent,
+    footprints: Mapping[str, Polygon],
     findings: Sequence[Finding],
     release: Release | None,
     checked: Checked | None,
@@ -253,7 +264,10 @@ def _checked_figures(
         findings = (position, *findings)
     decided, rules = (content.decisions, content.mosaic_version), content.rules
     judged = judge_rules(findings, rules)
-    return checked_part(content.report, *decided, checked, judged, rules=rules)
+    seams, bounds = content.seams, _bounds(footprints)
+    return checked_part(
+        content.report, *decided, checked, judged, seams=seams, bounds=bounds, rules=rules
+    )
 
 
 def _ortho_sigma_m(content: ReportContent) -> float:
@@ -442,46 +456,10 @@ def _constants(camera: Camera) -> dict[str, Any]:
     }
 
 
-def _map_figures(report: AdjustmentReport, footprints: Mapping[str, Polygon]) -> dict[str, Any]:
-    """What the block figure draws, in the block's CRS."""
-    block = report.block
-    ties = report.tie_positions[np.isfinite(report.tie_positions).all(axis=1), :2]
-    ties = ties[:: max(1, -(-len(ties) // SHOWN_TIES))]
-    control = [
-        {
-            "point_id": name,
-            "position": block.surveyed[name].position[:2].tolist(),
-            "vector_m": (position - block.surveyed[name].position)[:2].tolist(),
-        }
-        for name, position in report.surveyed_positions.items()
-        if block.surveyed[name].role == "control"
-    ]
-    left_out = {key[0] for key in block.measurements} - set(report.surveyed_positions)
-    return {
-        "footprints": {
-            name: [[round(x, 2), round(y, 2)] for x, y, *_ in polygon.exterior.coords]
-            for name, polygon in footprints.items()
-        },
-        "centres": {
-            name: {"position": photo.exterior.centre[:2].tolist(), "oriented": photo.oriented}
-            for name, photo in block.photos.items()
-        },
-        "ties": np.round(ties, 1).tolist(),
-        "control": control,
-        "checks": [
-            {
-                "point_id": check.point_id,
-                "position": block.surveyed[check.point_id].position[:2].tolist(),
-                "vector_m": check.difference_m[:2].tolist(),
-            }
-            for check in report.checks
-        ],
-        "left_out": [
-            block.surveyed[name].position[:2].tolist()
-            for name in sorted(left_out)
-            if block.surveyed[name].role == "control"
-        ],
-    }
+def _bounds(footprints: Mapping[str, Polygon]) -> Bounds:
+    """Bounds of all footprints, metres."""
+    west, south, east, north = shapely.total_bounds(list(footprints.values())).tolist()
+    return west, south, east, north
 
 
 def _level_footprint(photo: Photo, camera: Camera) -> Polygon:

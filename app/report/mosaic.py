@@ -132,6 +132,7 @@ def fault_figures(place: FaultPlace) -> Figures:
         "length_m": place.length_m,
         "sigma_m": place.sigma_m,
         "predicted_m": list(place.predicted_m),
+        "probability": place.probability,
         "significant": place.significant,
         "height_m": place.height_m,
     }
@@ -139,10 +140,10 @@ def fault_figures(place: FaultPlace) -> Figures:
 
 def misfit_shown(figures: Figures, tell: Teller) -> Figures:
     """What the page shows of the misfit: its sentences, its map, and the caption of that."""
-    misfit = figures["misfit"]
+    misfit, likely = figures["misfit"], figures["likely_faults"]
     if not misfit:
-        return {}
-    drawn, times = draw_misfit(figures["map"], misfit, tell)
+        return {"misfit_told": [], "misfit_map": "", "misfit_caption": "", "misfit_bars": ""}
+    drawn, times = draw_misfit(figures["map"], {**misfit, "places": likely}, tell)
     return {
         "misfit_told": misfit_told(misfit, tell),
         "misfit_map": drawn,

@@ -23,7 +23,9 @@ from markupsafe import Markup
 from PIL import Image
 from rasterio.enums import Resampling
 
+from app.report.against import against_told
 from app.report.checked import readings_told
+from app.report.decisions import decisions_told
 from app.report.drawing import (
     PICTURE,
     draw_coverage,
@@ -57,6 +59,7 @@ from app.report.wording import (
     refused_told,
     status_counts,
 )
+from core.mosaic.misfit_places import SURE
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
 from core.said import Said
@@ -70,12 +73,12 @@ THUMBNAIL_PX = 1400
 LONGEST_TABLE = 300
 """Rows of a table on the page; the rest is in the JSON, and the page says so."""
 CHAPTERS = (
-    "verdict", "doubts", "block", "accuracy", "readings", "residuals", "control", "distribution",
-    "ties",
-    "exterior", "georeference", "interior", "cameras", "mosaic", "misfit", "scans", "decisions",
-    "provenance",
+    "verdict", "against", "doubts", "block", "accuracy", "readings", "residuals", "control",
+    "distribution", "ties", "exterior", "georeference", "interior", "cameras", "mosaic", "misfit",
+    "scans", "decisions", "provenance",
 )  # fmt: skip
-"""In the order of the page; those of readings and of the mosaic only where there are any."""
+"""In the order of the page; that of an earlier state, of readings and of the mosaic where there are
+any."""
 
 Figures = dict[str, Any]
 
@@ -164,18 +167,29 @@ def render(
         checks_told=checks_told,
         comparison_told=comparison_told,
         refused_told=refused_told,
+        against=_against(figures["against"], tell),
+        decisions=decisions_told(figures["decisions"]["log"], tell),
         decided_kind=lambda kind: tell(f"report.decided.{kind.replace(' ', '-')}"),
         stage_name=lambda name: tell(f"stage.{name}"),
         parameter=lambda name: parameter_told(name, tell),
         beyond_told=lambda bars, unit="px": beyond_told(bars, tell, unit),
         film_places=film_places(figures["interior"]),
         worst=WORST,
+        sure_share=SURE,
         draw_coverage=draw_coverage,
         ortho=ortho_jpeg,
         **(_mosaic_drawn(mosaic, mosaic_jpeg, tell) if mosaic else {}),
         longest=LONGEST_TABLE,
         least=figures["checks"]["least"],
     )
+
+
+def _against(found: Figures | None, tell: Teller) -> Figures | None:
+    """What differs from an earlier state, with its sentence and its decisions in words."""
+    if found is None:
+        return None
+    told = decisions_told(found["decisions"], tell)
+    return {**found, "title": against_told(found, tell), "decisions": told}
 
 
 def _plots(figures: Figures, tell: Teller) -> dict[str, Any]:
@@ -214,7 +228,9 @@ def _mosaic_drawn(mosaic: Figures, picture: str, tell: Teller) -> dict[str, Mark
 
 def _chapters(figures: Figures) -> list[str]:
     """Those there is anything to tell in."""
-    shown = {name: bool(figures[name]) for name in ("mosaic", "misfit")}
+    shown = {"mosaic": bool(figures["mosaic"])}
+    shown["misfit"] = bool(figures["misfit"] or figures["likely_faults"])
+    shown["against"] = bool(figures["against"])
     shown["readings"] = bool(figures["checked"]["plans"])
     return [name for name in CHAPTERS if shown.get(name, True)]
 
@@ -281,9 +297,16 @@ def _filters(tell: Teller) -> dict[str, Callable[..., str]]:
         "signed": lambda value, places=2: tell.number(value, f"+.{places}f"),
         "scientific": lambda value: tell.number(value, ".3e"),
         "moment": tell.moment,
+        "css_text": css_text,
         "fine": lambda value, places: fine(value, tell, places),
         "fine_signed": lambda value, places: fine(value, tell, places, sign="+"),
     }
+
+
+def css_text(text: str) -> Markup:
+    """A text as a string of CSS: nothing in it ends the string or the style."""
+    signs = (one if one.isalnum() else f"\\{ord(one):x} " for one in text)
+    return Markup('"' + "".join(signs) + '"')
 
 
 def requirements(figures: Figures, tell: Teller) -> list[Figures]:

@@ -3,10 +3,12 @@
 import argparse
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from app.batch import Batch, BlockTask, listed, run_block
 from app.project import read_project
+from app.report.against import against_told
 from app.run import NOTHING_STANDS, PAGE, RunOptions
 from app.terminal import Voice
 from core.errors import OrientationError
@@ -36,18 +38,26 @@ def report(given: argparse.Namespace, voice: Voice) -> None:
     Raises:
         OrientationError: No photo is oriented, so there is nothing to report.
     """
-    walk = run_block(given.block, voice, run_options(given))
+    walk = run_block(given.block, voice, replace(run_options(given), against=given.against))
     page = walk.session.results / PAGE
     if not walk.stands:
         raise OrientationError(page, "was not written.", NOTHING_STANDS)
     voice.say(str(page))
-    for line in signed_lines(walk.session.results / "report.json", voice.tell):
+    figures = walk.session.results / "report.json"
+    for line in (*signed_lines(figures, voice.tell), *against_lines(figures, voice.tell)):
         voice.say(line)
 
 
 def run_options(given: argparse.Namespace) -> RunOptions:
     """All stages, as a verb asks that is no run."""
     return RunOptions(workers=given.workers, language=given.language)
+
+
+def against_lines(figures: Path, tell: Teller) -> Iterator[str]:
+    """What differs from the earlier state that a report is compared with; none without one."""
+    found = json.loads(figures.read_text(encoding="utf-8"))["against"]
+    if found is not None:
+        yield against_told(found, tell)
 
 
 def signed_lines(figures: Path, tell: Teller) -> Iterator[str]:

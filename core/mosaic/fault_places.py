@@ -85,6 +85,8 @@ class FaultPlace:
     """Whether it is off by more than expected."""
     height_m: float = 0.0
     """By how much the heights stand out, metres; 0 for other kinds."""
+    probability: float = float("nan")
+    """Probability that it is off by more than expected; NaN: kept by an earlier version."""
 
     @property
     def length_m(self) -> float:
@@ -121,7 +123,7 @@ def worst_places(
     found = [
         FaultPlace(
             "reference", one.east, one.north, (one.photo_id,), one.shift_m, one.sigma_m,
-            one.predicted_m, one.significant,
+            one.predicted_m, one.significant, probability=one.probability,
         )
         for one in misfit
     ]  # fmt: skip
@@ -131,6 +133,11 @@ def worst_places(
     found += tie_places(errors)
     worst = sorted(found, key=lambda place: place.rank)[:MOST]
     return tuple(_suspect_first(place, worst) for place in worst)
+
+
+def by_length(places: Sequence[FaultPlace]) -> tuple[FaultPlace, ...]:
+    """Places as lists show them: significant ones first, the largest first in each group."""
+    return tuple(sorted(places, key=lambda place: (not place.significant, -place.length_m)))
 
 
 def misfit_findings(places: Sequence[FaultPlace]) -> tuple[Finding, ...]:
@@ -286,11 +293,11 @@ def _place(
     """A place judged by what is expected of it; the worst of `count` may lie so far off by luck."""
     (east, north), shift, spread = row
     squared = float(shift @ np.linalg.solve(spread, shift))
-    sure = bool(np.exp(-squared / 2) * count < 1 - SURE)
+    chance = min(1.0, float(np.exp(-squared / 2)) * count)
     expected = np.sqrt(np.diag(spread))
     return FaultPlace(
         kind, float(east), float(north), photo_ids, (float(shift[0]), float(shift[1])), sigma_m,
-        (float(expected[0]), float(expected[1])), sure,
+        (float(expected[0]), float(expected[1])), chance < 1 - SURE, probability=1 - chance,
     )  # fmt: skip
 
 

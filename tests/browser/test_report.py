@@ -7,12 +7,14 @@ import pytest
 import rasterio
 from affine import Affine
 
-from app.report.model import ReportContent
+from app.report.model import ReportContent, Written
 from app.report.page import write_report
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
 from core.raster.ortho import open_ortho
+from sessions.decisions import Accept, Recorded
+from tests.browser.printed import pages_of
 from tests.flights import FlightPlan, fly
 
 A4_PX = 703
@@ -42,9 +44,14 @@ def report(tmp_path_factory):
     with rasterio.open(mosaic, "w", "GTiff", 300, 200, transform=placed, **profile) as file:
         file.write(np.full((1, 200, 300), 90, np.uint8))
     ortho = open_ortho([mosaic], block.crs)
+    decided = [
+        Recorded(number, "2026-01-02T10:00:00", "marian", Accept(*key))
+        for number, key in enumerate([*block.measurements] * 9, start=1)
+    ][:150]
     content = ReportContent(
-        "long", adjusted, before=block, influence=ahead, mosaic=mosaic, ortho=ortho
-    )
+        "long</style>", adjusted, before=block, influence=ahead, mosaic=mosaic, ortho=ortho,
+        decisions=decided, written=Written("2026-01-02 10:00 UTC", "marian", "0.1.0"),
+    )  # fmt: skip
     return write_report(folder, content)[0]
 
 
@@ -91,3 +98,20 @@ def test_no_table_is_cut_on_paper__truth(chromium, report):
     # The first page holds all of the front: 269 mm of it are printed on.
     assert page.evaluate("document.querySelector('.front').getBoundingClientRect().bottom") < 1017
     page.close()
+
+
+def test_a_printed_report_has_numbered_pages_and_heads_on_each__truth(chromium, report):
+    page = chromium.new_page(viewport={"width": A4_PX, "height": 1000})
+    page.goto(report.as_uri())
+    titles = page.evaluate("[...document.querySelectorAll('h2, h3')].map(e => e.textContent)")
+    pages = pages_of(page.pdf(format="A4", prefer_css_page_size=True))
+    page.close()
+    for number, text in enumerate(pages, start=1):
+        assert f"{number} / {len(pages)}" in text
+        assert "long</style> · 2026-01-02 10:00 UTC" in text
+    rows = [text for text in pages if "2026-01-02 10:00marian" in text]
+    assert len(rows) > 3
+    assert all("No.UTCWhoDecision" in text for text in rows)
+    # No heading is the last of its page.
+    ends = ["".join(text.split()) for text in pages]
+    assert not [one for one in titles if any(text.endswith("".join(one.split())) for text in ends)]

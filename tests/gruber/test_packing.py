@@ -66,7 +66,13 @@ def test_the_wheel_puts_nothing_beside_gruber_and_runs_alone__law(tmp_path):
     tops = {name.split("/")[0] for name in names}
     assert tops == {"gruber", next(top for top in tops if top.endswith(".dist-info"))}
     assert "gruber/packing.py" not in names
-    for data in ("py.typed", "app/report/page.html", "ui/words/cs.toml", "ui/web/pages/desk.js"):
+    for data in (
+        "py.typed",
+        "app/report/page.html",
+        "app/report/page.css",
+        "ui/words/cs.toml",
+        "ui/web/pages/desk.js",
+    ):
         assert f"gruber/{data}" in names
     said = subprocess.run(
         [sys.executable, "-c", WITHOUT_CHECKOUT],

@@ -33,6 +33,7 @@ from sessions.decisions import (
     Withdraw,
     last_to_undo,
     standing,
+    withdrawals,
 )
 from sessions.remarks import is_fault
 from sessions.session import Session
@@ -56,11 +57,7 @@ KEPT = 60
 def history_of(key: Key, recorded: Sequence[Recorded], extra: Extra) -> list[dict[str, Any]]:
     """Decisions about a measurement or its point, newest first, for the page."""
     stands = {item.decision_id for item in standing(recorded)}
-    withdrawn_by = {
-        item.decision.decision_id: item.who
-        for item in recorded
-        if isinstance(item.decision, Withdraw) and item.decision_id in stands
-    }
+    withdrawn = withdrawals(recorded)
     explained = _explained(recorded)
     about: list[Recorded] = []
     numbers: set[str] = set()
@@ -78,7 +75,7 @@ def history_of(key: Key, recorded: Sequence[Recorded], extra: Extra) -> list[dic
             "what": type(item.decision).__name__,
             "detail": _detail(item.decision),
             "stands": item.decision_id in stands,
-            "by": withdrawn_by.get(item.decision_id, ""),
+            "by": withdrawn[item.decision_id].who if item.decision_id in withdrawn else "",
         }
         for item in reversed(about[-LONGEST:])
     ]

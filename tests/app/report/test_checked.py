@@ -5,11 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from shapely.geometry import box
 
 from app.report.checked import REMARK_COLUMNS, remark_rows
 from app.report.model import ReportContent, gather
 from app.report.page import write_report
 from app.verbs.run import signed_lines
+from core.mosaic.seams import Seam
 from core.quality.check_plan import CheckPlace
 from sessions.checks import judged_parts, new_plan
 from sessions.decisions import Decision, ReadCheck, Recorded, Remark, SignBlock
@@ -53,6 +55,42 @@ def test_figures_of_readings_are_those_put_in__truth(checked: ReportContent) -> 
     assert figures["observer_m"] == pytest.approx(np.sqrt(2) * OBSERVER, rel=0.4)
     assert found["plans"][0]["outdated"] == 1
     assert len(found["readings"]) == 41
+
+
+def test_readings_are_told_by_part_photo_and_year__truth(checked: ReportContent, tmp_path) -> None:
+    """The western half of a block shows a photo of 1938 and is a metre off, the eastern is not."""
+    places = [CheckPlace(f"{n:02d}", 100.0 * n - 1450.0, 0.0) for n in range(30)]
+    plan = new_plan(places, (6, 5), 1, "", beforehand=True, decisions=())
+    rng = np.random.default_rng(2)
+    said: list[Decision] = [plan]
+    for place in plan.places:
+        off = np.array([1.0 if place.east < 0 else 0.0, 0.0]) + rng.normal(0, 0.1, 2)
+        mosaic = float(place.east + off[0]), float(place.north + off[1])
+        said.append(ReadCheck(place.place_id, mosaic, (place.east, place.north), VERSION))
+    records = [Recorded(n, "2026-01-02T10:00:00", "ada", one) for n, one in enumerate(said, 1)]
+    west, east = list(checked.report.block.photos)[:2]
+    seams = [
+        Seam(west, "1938-07-09", box(-2000, -99, 0, 99)),
+        Seam(east, "1939-07-09", box(0, -99, 2000, 99)),
+    ]
+    found = replace(checked, decisions=records, seams=seams, seam_fits=())
+    for language in ("en", "cs"):
+        html, told = write_report(tmp_path, replace(found, language=language))
+        page = html.read_text(encoding="utf-8")
+        for name in ("photos", "years"):
+            assert Teller(language)(f"report.readings.{name}") in page
+        # All places are of one kind: nothing to compare.
+        assert Teller(language)("report.readings.kinds") not in page
+    groups = json.loads(told.read_text(encoding="utf-8"))["checked"]["groups"]
+    assert [one["group"] for one in groups["years"]] == ["1938", "1939"]
+    assert [one["group"] for one in groups["photos"]] == [west, east]
+    assert [one["count"] for one in groups["photos"]] == [15, 15]
+    first, second = groups["years"]
+    assert first["c"][0] == pytest.approx(1.0, abs=0.1)
+    assert (first["shifted"][0], second["shifted"][0]) == (True, False)
+    assert first["circular_error_90"] > 3 * second["circular_error_90"]
+    assert [one["group"] for one in groups["kinds"]] == ["reference"]
+    assert sum(one["count"] for one in groups["parts"]) == 30
 
 
 def test_the_page_shows_readings_rules_and_the_signature__truth(

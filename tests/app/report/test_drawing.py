@@ -20,7 +20,7 @@ def parts_of(svg):
 
 
 def test_every_kind_of_vector_has_a_colour__law():
-    page = (Path(drawing.__file__).parent / "page.html").read_text(encoding="utf-8")
+    page = (Path(drawing.__file__).parent / "page.css").read_text(encoding="utf-8")
     for kind in ("control", "check", "tie"):
         assert f".{kind}line {{ stroke: " in page
 

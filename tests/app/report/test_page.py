@@ -23,6 +23,7 @@ from core.adjustment.influence import influence_of
 from core.block import TiePoints
 from core.mosaic.comparison import ComparedPlaces, MosaicAccuracy
 from core.quality.job_rules import USUAL_RULES
+from core.mosaic.fault_places import FaultPlace
 from core.quality.rules import doubts_of
 from core.raster.ortho import open_ortho
 from ui.review.scene import short_names
@@ -81,8 +82,9 @@ def test_every_decision_is_told_with_who_made_it_and_whether_it_stands__law(writ
     third, second, first = figures["decisions"]["log"]
     assert [one["stands"] for one in (first, second, third)] == [True, True, False]
     text = text_of(page)
-    assert f"3 2025-11-20 10:02 anna accepted, taken back {third['about']}" in text
-    assert f"2 2025-11-20 10:01 anna rejected {second['about']}" in text
+    back = "withdrawn by anna, 2025-11-20 10:03"
+    assert f"3 2025-11-20 10:02 anna accepted {third['about']} accepted {back}" in text
+    assert f"2 2025-11-20 10:01 anna rejected {second['about']} rejected: changed" in text
     assert len(first["about"].split()) == 2
 
 
@@ -104,6 +106,30 @@ def test_the_ortho_beneath_shows_the_ground_of_the_mosaic__truth(tmp_path, mosai
     assert columns / rows == pytest.approx((east - west) / (north - south), rel=0.01)
     red, blue = picture[rows // 2, columns // 5], picture[rows // 2, columns // 3]
     assert (red[0] > 200, red[2] < 50, blue[0] < 50, blue[2] > 200) == (True,) * 4
+
+
+def test_likely_faults_stand_in_the_order_of_the_desk__law(content, tmp_path):
+    """Significant ones first, the largest first; with what tells them, photo or seam, and P."""
+    east, north = content.report.block.origin[:2]
+    first, second = list(content.report.block.photos)[:2]
+    rows = (
+        ("reference", (first,), 9.0, False, 0.4), ("ties", (first, second), 2.0, True, 0.99),
+        ("seam", (first, second), 3.0, True, 0.97), ("reference", (second,), 1.0, False, 0.1),
+    )  # fmt: skip
+    places = [
+        FaultPlace(kind, east, north, names, (length, 0.0), 0.3, (0.3, 0.4), sure, 0.0, chance)
+        for kind, names, length, sure, chance in rows
+    ]
+    html, told = write_report(tmp_path, replace(content, likely_faults=places))
+    figures = json.loads(told.read_text(encoding="utf-8"))["likely_faults"]
+    assert [one["kind"] for one in figures] == ["seam", "ties", "reference", "reference"]
+    assert [one["probability"] for one in figures] == [0.97, 0.99, 0.4, 0.1]
+    short = short_names(list(content.report.block.photos))
+    page = html.read_text(encoding="utf-8")
+    table = page[page.index('id="likely"') :].partition("</table>")[0]
+    assert f"{short[first]} | {short[second]}" in re.sub(r"\s+", " ", table)
+    lines = [TELL(f"mosaic.misfit.{kind}") for kind in ("seam", "ties", "reference")]
+    assert [table.index(line) for line in lines] == sorted(table.index(line) for line in lines)
 
 
 def test_neighbours_along_seams_and_strips_are_told__law(written):
