@@ -165,18 +165,21 @@ def observer_rows(figures: Figures | None) -> list[tuple[str, Figures]]:
     return [(one["who"], one) for one in (*figures["observers"], *figures["pairs"])]
 
 
-def readings_told(checked: Figures, tell: Teller) -> Figures:
+def readings_told(checked: Figures, tell: Teller, short: Mapping[str, str]) -> Figures:
     """Title of the chapter of readings, its table of observers, and one for each grouping.
 
     Everything in one group is what all places say: such a grouping is left out.
     """
     names = {"parts": "report.place.", "kinds": "report.readings.kind."}
+
+    def title(name: str, group: str) -> str:
+        return tell(names[name] + group) if name in names else short.get(group, group)
+
     groups = {
-        name: [(tell(names[name] + row["group"]) if name in names else row["group"], row)
-               for row in rows]
+        name: [(title(name, row["group"]), row) for row in rows]
         for name, rows in checked["groups"].items()
         if len(rows) > 1
-    }  # fmt: skip
+    }
     return {
         "readings_title": readings_title(checked, tell),
         "by_observer": observer_rows(checked["figures"]),
@@ -256,10 +259,11 @@ def _groups(
         "photos": photos,
         "years": {name: years.get(photo, "") for name, photo in photos.items()},
     }
-    return {
+    told = {
         name: [{"group": group, **plan_row(row)} for group, row in figures_by(read, of).items()]
         for name, of in groups.items()
     }
+    return told | {"parts": sorted(told["parts"], key=lambda row: PLACES.index(row["group"]))}
 
 
 def plan_row(one: PlanFigures) -> Figures:

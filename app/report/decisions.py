@@ -365,7 +365,7 @@ def _about_told(one: Figures, tell: Teller) -> str:
         said.append(tell("detail.pixel", column=column, row=row))
     if one["place"]:
         east, north = (tell.number(value, ".1f") for value in one["place"])
-        said.append(f"E {east} N {north}")
+        said.append(f"E\u00a0{east} N\u00a0{north}")
     if one["count"] is not None:
         said.append(tell(COUNT_TEXTS[one["decision"]], count=one["count"]))
     return ", ".join(part for part in said if part)
@@ -380,5 +380,5 @@ def _change_told(one: Figures, tell: Teller) -> str:
     reason = one["reason"] and tell(texts.get(one["reason"], f"unreadable.{one['reason']}"))
     if one["difference_m"]:
         east, north = (tell.number(value, "+.3f") for value in one["difference_m"])
-        change = f"dX {east}, dY {north} m"
+        change = f"dX {east}, dY {north}\u00a0m"
     return ": ".join(part for part in (change, reason) if part)

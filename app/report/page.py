@@ -148,7 +148,7 @@ def render(
     def again(text: str) -> str:
         return tell.again(known.get(text, text))
 
-    mosaic = figures["mosaic"]
+    mosaic, short = figures["mosaic"], short_names([row["scan"] for row in figures["exterior"]])
     return _page(tell).render(
         f=figures,
         found=findings(figures, tell),
@@ -157,9 +157,9 @@ def render(
         again=again,
         requirements=requirements(figures, tell),
         chapters=_chapters(figures),
-        **readings_told(figures["checked"], tell),
+        **readings_told(figures["checked"], tell, short),
         **misfit_shown(figures, tell),
-        short=short_names([row["scan"] for row in figures["exterior"]]),
+        short=short,
         **_plots(figures, tell),
         **_map_drawn(figures["map"], tell),
         symbols=draw_symbols(tell),

@@ -83,9 +83,9 @@ def test_a_row_names_place_change_words_and_who_withdrew_it__truth():
     assert told[3]["change"] == "accepted → rejected: hidden"
     assert told[5]["back"] == "withdrawn by eva, 2026-01-03 08:15"
     assert told[8]["about"] == "no. 6"
-    assert told[2]["about"] == "1-07, E 4.0 N 6.5"
-    assert told[2]["change"] == "dX +1.000, dY −0.500 m"
-    assert told[6]["about"] == "E 1.0 N 2.0"
+    assert told[2]["about"] == "1-07, E\u00a04.0 N\u00a06.5"
+    assert told[2]["change"] == "dX +1.000, dY −0.500\u00a0m"
+    assert told[6]["about"] == "E\u00a01.0 N\u00a02.0"
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
