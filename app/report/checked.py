@@ -9,12 +9,12 @@ from app.report.decisions import minute
 from app.report.protocol_figures import PLACES
 from app.report.tables import Cell
 from core.adjustment.adjusted import AdjustmentReport
-from core.quality.job_rules import USUAL_RULES, JobRules
-from core.quality.judged_rules import JudgedRule
 from core.geometry.crs import Bounds
 from core.mosaic.misfit import photos_shown
 from core.mosaic.seams import Seam
 from core.quality.check_plan import CheckPlace
+from core.quality.job_rules import USUAL_RULES, JobRules
+from core.quality.judged_rules import JudgedRule
 from core.quality.readings import (
     Foretold,
     PlanFigures,

@@ -317,8 +317,12 @@ def requirements(figures: Figures, tell: Teller) -> list[Figures]:
         tell: The language.
     """
     rows: list[Figures] = []
+    short = short_names([row["scan"] for row in figures["exterior"]])
     for one in figures["checked"]["rules"]:
-        value = tell(VALUE_TEXTS[one["kind"]], **one["values"])
+        worst = one["values"].get("worst", "")
+        value = tell(
+            VALUE_TEXTS[one["kind"]], **{**one["values"], "worst": short.get(worst, worst)}
+        )
         if one["more"]:
             value = tell("rules.value.more", value=value, more=one["more"])
         rows.append(

@@ -27,7 +27,7 @@ class Rule:
     source: str
     """Who asks it: a key of `AUTHORITIES`."""
     limits: tuple[str, ...] = ()
-    """Limits of `JobRules` that it goes by."""
+    """Limits of `JobRules` that are told as its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ RULES: tuple[Rule, ...] = (
             "checks-over",
         ),
         ASPRS,
-        ("check_points", *POSITION),
+        ("check_points",),
     ),
     Rule(
         "check-share",
@@ -81,7 +81,6 @@ RULES: tuple[Rule, ...] = (
         "against",
         ("contradicted", "contradicted-far", "contradicted-check", MANY_AGAINST, "agreed"),
         GRUBER,
-        POSITION,
     ),
     Rule(
         "sigma",

@@ -22,8 +22,8 @@ from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
 from core.block import TiePoints
 from core.mosaic.comparison import ComparedPlaces, MosaicAccuracy
-from core.quality.job_rules import USUAL_RULES
 from core.mosaic.fault_places import FaultPlace
+from core.quality.job_rules import USUAL_RULES
 from core.quality.rules import doubts_of
 from core.raster.ortho import open_ortho
 from ui.review.scene import short_names
@@ -248,6 +248,13 @@ def test_the_table_tells_places_off_the_reference__truth(written):
     assert (row["value"], row["grave"]) == ("2, by up to 5.0 m", 1)
 
 
+@pytest.mark.parametrize(
+    ("count", "told"),
+    [
+        (1, "One independent check point, {m_p} m off: too few to judge"),
+        (2, "2 independent check points, m_p {m_p} m: too"),
+    ],
+)
 def test_few_check_points_are_not_judged__truth(content, tmp_path, count, told):
     """One point gave 'no systematic shift', and '1 check points'."""
     few = replace(content, report=replace(content.report, checks=content.report.checks[:count]))
