@@ -75,7 +75,7 @@ const HAND = {
     if (!fault) return pick(place);
     pick(layerFromGround(fault.place));
     refresh();
-    first(`[data-fault="${fault.id}"]`, byId("mosaic")).scrollIntoView({ block: "nearest" });
+    first(".fault-thread", byId("mosaic")).scrollIntoView({ block: "nearest" });
   },
 };
 
