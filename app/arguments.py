@@ -409,7 +409,7 @@ VERBS = {
             "gruber check plan kobyli-1938": "before its first run, when no result is known",
             "gruber check plan kobyli-1938 --cells 8x5 --seed 7": "another grid, other places",
             "gruber check plan kobyli-1938 --points survey.csv": "surveyed points instead",
-            "gruber check rules kobyli-1938 > rules.toml": "every limit, for [block] rules",
+            "gruber check rules kobyli-1938": "every limit, as a file for [block] rules",
         },
         add_check,
     ),
