@@ -327,7 +327,8 @@ def _check_findings(report: AdjustmentReport, rules: JobRules) -> list[Finding]:
     graves = {"checks": SOUND, "checks-better": SOUND, "checks-over": POOR}
     findings = [Finding(kind, graves.get(kind, DOUBTFUL), told)]
     control = len(report.surveyed_positions)
-    if control:
+    # That there are none at all has been said.
+    if control and own.count:
         least = int(np.ceil(rules.check_share_percent * control / 100))
         few = own.count < least
         told = {"count": str(own.count), "control": str(control), "least": str(least)}
