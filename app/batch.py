@@ -19,7 +19,7 @@ from typing import Any, Literal, cast
 from app.block_list import blocks_in
 from app.block_toml import FILE, folder_of
 from app.project import read_project
-from app.run import NOTHING_STANDS, STAGE_NAMES, Run, RunOptions
+from app.run import STAGE_NAMES, Run, RunOptions
 from app.terminal import JsonLines, Voice, interruptible
 from core.errors import PhotogrammetryError, ProjectError
 from core.formats.records import plain_bytes
@@ -83,6 +83,8 @@ class BlockState:
     """How long its run took."""
     message: str = ""
     """Why it failed."""
+    ended_early: bool = False
+    """Whether its run was sound, and the rest of it cannot be made."""
 
     @property
     def findings(self) -> str:
@@ -289,7 +291,7 @@ class Batch:
 
     def _refuse_failed(self) -> None:
         failed = [state for state in self.states.values() if state.state == "failed"]
-        if failed and self.table is None and failed[0].message == NOTHING_STANDS:
+        if failed and self.table is None and failed[0].ended_early:
             return  # as `gruber run` ends in this process, having said so
         if failed and self.table is None:
             remedy = "Correct what it names and give the same command again; what is done stays."
@@ -329,7 +331,7 @@ def run_apart(
     """
     command = [sys.executable, "-m", "gruber", "--log-json", "run", str(task.block)]
     command += ["--workers", str(threads), *chain.from_iterable(task.options.items())]
-    started, stage, why, last = time.monotonic(), "", "", ""
+    started, stage, why, last, early = time.monotonic(), "", "", "", False
     # A session of its own: Ctrl-C reaches this program alone, which hands it on.
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
@@ -344,8 +346,8 @@ def run_apart(
                     told(task, stage)
                 case "error":
                     why = cast("str", from_json(line["told"]))
-                case "message" if line["text"] == NOTHING_STANDS:
-                    why = NOTHING_STANDS
+                case "ended-early":
+                    why, early = str(line["text"]), True
                 case None:
                     last = text.strip()
                 case _:
@@ -358,7 +360,7 @@ def run_apart(
     if code == 0 and not why:
         return BlockState(task, "done", stage, seconds)
     ended = say("exit code {code}", code=code)
-    return BlockState(task, "failed", stage, seconds, why or last or ended)
+    return BlockState(task, "failed", stage, seconds, why or last or ended, ended_early=early)
 
 
 def _line_of(text: str) -> dict[str, Any]:
@@ -398,7 +400,7 @@ def run_on_cluster(client: Any, task: BlockTask) -> BlockState:
     error = future.exception()
     seconds = round(time.monotonic() - started, 1)
     if error is None and (why := future.result()):
-        return BlockState(task, "failed", "adjustment", seconds, why)
+        return BlockState(task, "failed", "adjustment", seconds, why, ended_early=True)
     if error is None:
         return BlockState(task, "done", task.until or STAGE_NAMES[-1], seconds)
     why = error.told if isinstance(error, PhotogrammetryError) else str(error)

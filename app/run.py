@@ -140,7 +140,7 @@ class Run:
                         break
                     if name == "adjustment" and not self.stands:
                         self.ended_early = NOTHING_STANDS
-                        self.voice.say(NOTHING_STANDS)
+                        self.voice.ended_early(NOTHING_STANDS)
                         break
             except (KeyboardInterrupt, Cancelled):
                 waits = False

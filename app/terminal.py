@@ -85,6 +85,10 @@ class Terminal:
         """A sentence for the operator."""
         self.console.print(self.tell.again(text), markup=False)
 
+    def ended_early(self, why: str) -> None:
+        """Tell why the rest of a block cannot be made."""
+        self.say(why)
+
     def failed(self, error: PhotogrammetryError) -> None:
         """The work cannot go on; the message itself goes to the standard error output."""
         self.close()
@@ -134,6 +138,10 @@ class JsonLines:
     def say(self, text: str) -> None:
         """A sentence for the operator."""
         self.write({"event": "message", "text": text})
+
+    def ended_early(self, why: str) -> None:
+        """Tell why the rest of a block cannot be made."""
+        self.write({"event": "ended-early", "text": why})
 
     def failed(self, error: PhotogrammetryError) -> None:
         """The work cannot go on; `told` can be told in any language."""

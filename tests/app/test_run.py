@@ -46,6 +46,9 @@ class Listener:
     def say(self, text: str) -> None:
         self.lines.append(text)
 
+    def ended_early(self, why: str) -> None:
+        self.say(why)
+
 
 def value_of(stage: str, text: str) -> Any:
     """What a stage makes, as small as can be, with a word in it."""
