@@ -133,7 +133,7 @@ class Running:
                 case "done":
                     ended = {"seconds": message["seconds"], "said": message["said"], "share": 1.0}
                     self._lines[-1] |= ended
-                case "message":
+                case "message" | "ended-early":
                     self._log.append(message["text"])
                 case _:
                     pass
