@@ -20,6 +20,7 @@ from app.block_list import blocks_in
 from app.block_toml import FILE, folder_of
 from app.project import read_project
 from app.run import STAGE_NAMES, Run, RunOptions
+from app.settings import Settings
 from app.terminal import JsonLines, Voice, interruptible
 from core.errors import PhotogrammetryError, ProjectError
 from core.formats.records import plain_bytes
@@ -306,7 +307,7 @@ class Batch:
 def run_block(block: Path, voice: Voice, options: RunOptions) -> Run:
     """Run a block in this process and return what was made."""
     project = read_project(block)
-    with Session.open(project.folder, "gruber") as session:
+    with Session.open(project.folder, Settings().operator) as session:
         walk = Run(project, session, voice, options)
         walk.walk()
     return walk

@@ -36,6 +36,10 @@ def read_rules(file: Path | None) -> JobRules:
     if file is None:
         return USUAL_RULES
     document = Document(file)
+    if not document.values:
+        # The shell empties a file before the limits that were in it are read and printed into it.
+        remedy = "Set one in it (gruber check rules prints all), or take `rules` out of block.toml."
+        raise ProjectError(file, "holds no limit.", remedy)
     try:
         table = Table(document, "", document.values, KEYS)
         rules = JobRules(**{name: _value(table, name) for name in KEYS})

@@ -105,8 +105,9 @@ class Running:
 
     def _run(self) -> None:
         project = read_project(self._block)
-        options = RunOptions(workers=Settings().workers)
-        with Session.open(project.folder, "gruber") as session:
+        settings = Settings()
+        options = RunOptions(workers=settings.workers)
+        with Session.open(project.folder, settings.operator) as session:
             self._walk = Run(project, session, Telling(self.tell), options)
             try:
                 self._walk.walk()

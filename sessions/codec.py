@@ -80,6 +80,8 @@ from sessions.decisions import DECISIONS, Recorded
 
 FORMAT = 1
 """Version of the encoding; a file with a higher one was written by a newer Gruber."""
+LARGEST = 1e9
+"""No coordinate, and nothing else that a decision says, reaches this in its unit."""
 
 REGISTERED: tuple[type, ...] = (
     *DECISIONS,
@@ -251,7 +253,8 @@ def unfit_field(value: Any, *, finite: bool = True) -> str:
 
     Args:
         value: A dataclass of scalars, tuples, mappings and other dataclasses.
-        finite: Whether its own numbers must be finite; those of dataclasses within it need not.
+        finite: Whether its own numbers must be below `LARGEST`; those of dataclasses within it need
+            not.
     """
     for name, hint in _hints(type(value)).items():
         if not _fits(getattr(value, name), hint, finite):
@@ -281,7 +284,7 @@ def _fits(value: Any, hint: Any, finite: bool) -> bool:
             )
         case None if hint is float:
             number = isinstance(value, int | float) and not isinstance(value, bool)
-            return number and (math.isfinite(value) or not finite)
+            return number and (abs(value) < LARGEST or not finite)
         case None:
             within = is_dataclass(value)
             return isinstance(value, hint) and not (within and unfit_field(value, finite=False))

@@ -257,8 +257,10 @@ class Session:
             if not isinstance(decision, DECISIONS):
                 raise CodecError("no decision")
             if unfit := unfit_field(decision):
-                raise CodecError(f"{type(decision).__name__}: {unfit}")
+                raise ValueError(f"{type(decision).__name__}: {unfit}")
+            datetime.fromisoformat(row.recorded)
         except (CodecError, ValueError, RecursionError) as error:
+            newer = isinstance(error, CodecError)
             raise StorageError(
                 self._store.path,
                 say(
@@ -266,6 +268,8 @@ class Session:
                     decision_id=row.decision_id,
                     error=error,
                 ),
-                "Update Gruber; the decision is kept.",
+                "Update Gruber; the decision is kept."
+                if newer
+                else "The file was changed by another program: put it back from a copy.",
             ) from error
         return Recorded(row.decision_id, row.recorded, row.who, decision)

@@ -10,6 +10,7 @@ import numpy as np
 
 from core.errors import PhotogrammetryError
 from core.geometry.exterior import rotation_from_angles
+from core.said import say
 from ui.words.catalogue import Teller
 
 Figures = Mapping[str, Any]
@@ -60,7 +61,8 @@ def _check(file: Path, found: object, scans: Collection[str]) -> None:
     if not {"verdict", "adjustment", "block"} <= held.keys():
         remedy = "Name a report.json that `gruber report` wrote."
         raise PhotogrammetryError(file, "is no report.", remedy)
-    log = held.get("decisions", {}).get("log", [])
+    decided = held.get("decisions")
+    log = decided.get("log", []) if isinstance(decided, dict) else []
     missing = [name for name in NEEDED if name not in held]
     missing += [name for name in LOGGED for one in log[:1] if name not in one]
     if missing:
@@ -70,7 +72,13 @@ def _check(file: Path, found: object, scans: Collection[str]) -> None:
             "Write it anew with `gruber report`, on a copy of the block in its earlier state.",
             names=", ".join(missing),
         )
-    theirs = [row["scan"] for row in held["exterior"]]
+    try:
+        compare_states(held, held)
+        theirs = [row["scan"] for row in held["exterior"]]
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        cause = say("is no whole report ({error!r}).", error=error)
+        remedy = "Write it anew with `gruber report`, or name another."
+        raise PhotogrammetryError(file, cause, remedy) from error
     if not set(theirs) & set(scans):
         raise PhotogrammetryError(
             file,

@@ -24,7 +24,9 @@ from core.raster.grid import Grid
 # design: the highest bridges of the world stand some 600 m above ground, of a country 100 m; decks
 # at the level of a dam or quay lie a few metres below what a coarse DEM says.
 LOWEST_M, HIGHEST_M = -10.0, 400.0
-"""A deck lies so far above the DEM."""
+"""Every corner of a deck lies so far above the DEM."""
+# design: no bridge is smaller; what overlays of layers leave is.
+LEAST_AREA_M2 = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,12 +111,13 @@ def _read_decks(file: Path, crs: str, bounds: Bounds) -> list[Deck]:
     ):
         for part in shapely.get_parts(layer.geometries):
             vertices = shapely.get_coordinates(part, include_z=True)
-            if isinstance(part, Polygon) and np.isfinite(vertices).all():
+            solid = isinstance(part, Polygon) and part.area >= LEAST_AREA_M2
+            if solid and np.isfinite(vertices).all():
                 outline = shapely.make_valid(shapely.force_2d(part))
                 found += [
                     Deck(piece, vertices)
                     for piece in shapely.get_parts(outline)
-                    if isinstance(piece, Polygon)
+                    if isinstance(piece, Polygon) and piece.area >= LEAST_AREA_M2
                 ]
     return found
 
@@ -123,15 +126,16 @@ def _check(decks: Sequence[Deck], ground: Heights, file: Path) -> None:
     """Refuse heights of another system or unit."""
     for deck in decks:
         above = deck.vertices[:, 2] - ground.heights(deck.vertices[:, :2])
-        known = above[np.isfinite(above)]
-        if len(known) and not LOWEST_M <= float(np.median(known)) <= HIGHEST_M:
-            east, north = deck.outline.centroid.coords[0]
+        wrong = np.flatnonzero((above < LOWEST_M) | (above > HIGHEST_M))
+        if len(wrong):
+            east, north = deck.vertices[wrong[0], :2].tolist()
             raise ReferenceDataError(
                 file,
-                "a bridge at E {east:.0f} N {north:.0f} lies {above:.0f} m above the DEM.",
+                "a corner of a bridge, at E {east:.0f} N {north:.0f}, lies {above:.0f} m above "
+                "the DEM.",
                 "Give its corners heights in the block's height system, in metres, or leave the "
                 "heights out.",
                 east=east,
                 north=north,
-                above=float(np.median(known)),
+                above=float(above[wrong[0]]),
             )

@@ -128,6 +128,8 @@ RULES: tuple[Rule, ...] = (
     Rule("faults", ("faults", "faults-open"), GRUBER),
 )
 """In the order in which a reviewer reads them; one without findings does not concern the block."""
+OF_READINGS = frozenset({"read", "read-position", "shift", "second", "prediction"})
+"""Rules that tell of readings."""
 
 
 def judge_rules(

@@ -167,6 +167,7 @@ def test_decision_of_a_newer_program_is_told_and_kept__truth(tmp_path: Path) -> 
         (ReadCheck("1-01", (float("nan"), 2.0), (1.0, 2.0), "abc"), "mosaic"),
         (ReadCheck("1-01", (1.0, 2.0, 3.0), (1.0, 2.0), "abc"), "mosaic"),  # type: ignore[arg-type]
         (Place("P1", "A", float("inf"), 1.0), "column"),
+        (ReadCheck("1-01", (1e300, 2.0), (1.0, 2.0), "abc"), "mosaic"),
         (JudgePhoto("A", use="yes"), "use"),  # type: ignore[arg-type]
         (SignBlock("reject", "", {"mosaic": 3}), "judged"),  # type: ignore[dict-item]
     ],
@@ -182,6 +183,16 @@ def test_a_decision_whose_values_cannot_be_is_told__truth(
         with pytest.raises(
             StorageError, match=rf"cannot read \({type(decision).__name__}: {field}"
         ):
+            session.decisions()
+
+
+def test_a_time_that_is_none_is_told__truth(tmp_path: Path) -> None:
+    with Session.open(tmp_path, "ada") as session:
+        store = Store.open(tmp_path / "session.gpkg")
+        text = json.dumps(to_json(JudgePhoto("A", use=True)))
+        store.append("yesterday", "eve", [("JudgePhoto", text)])
+        store.close()
+        with pytest.raises(StorageError, match=r"'yesterday'.*changed by another program"):
             session.decisions()
 
 

@@ -91,8 +91,9 @@ def decided_remark(said: Remark, desk: DeskSnapshot) -> tuple[tuple[Remark, ...]
         return (), Notice("notice.fault-withdrawn", grave=True)
     if said.closes is not None and said.closes != fault.is_open:
         # What another page did meanwhile is not done again; words that came with it are kept.
-        text = "notice.fault-closed" if said.closes else "notice.fault-open"
-        notice = Notice(text, {"who": fault.turned.who}, grave=True)
+        closed = ("notice.fault-closed", "notice.fault-closed-said")
+        told = closed if said.closes else ("notice.fault-open", "notice.fault-open-said")
+        notice = Notice(told[bool(said.words)], {"who": fault.turned.who}, grave=True)
         return ((replace(said, closes=None),) if said.words else ()), notice
     if fault.answers and said.closes is None and said.words == fault.answers[-1][1].words:
         return (), Notice("notice.fault-said", {"who": fault.answers[-1][0].who})
@@ -279,6 +280,28 @@ def second_places(
             numbers[place.place_id] = before[0]
     wanted = max(0, doubled_least(plan.count, rules) - twice)
     return frozenset(sorted(numbers, key=numbers.__getitem__)[:wanted])
+
+
+def still_reads(desk: DeskSnapshot, operator: str) -> bool:
+    """Whether an observer has begun to read the newest plan and has not read all that is theirs.
+
+    Those are the places they are led to where somebody else reads, too, else all.
+    """
+    plans = standing_plans(desk.recorded)
+    if not plans:
+        return False
+    plan, version = plans[-1].plan, desk.mosaic_version
+    read = readings_of(desk.recorded)
+    names = {place.place_id for place in plan.places if not place.after}
+    by = {
+        who: {name for (name, other), (_, one) in read.items()
+              if other == who and one.version == version and name in names}
+        for _, who in read
+    }  # fmt: skip
+    own = by.pop(operator, set[str]())
+    led = second_places(plan, read, operator, version, rules=desk.rules)
+    wanted = led if any(by.values()) else names
+    return bool(own) and not wanted <= own
 
 
 def _shown(place: CheckPlace, operator: str, digest: str, shown_m: float) -> Part:

@@ -1,14 +1,14 @@
 """What is found of the block on the desk: the sheet shows it, and a signature goes by it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 
 from core.mosaic.fault_places import misfit_findings
 from core.quality.assessment import BlockQuality, assess_block
-from core.quality.judged_rules import JudgedRule, judge_rules
+from core.quality.judged_rules import OF_READINGS, RULES, JudgedRule, judge_rules
 from core.quality.readings import ReadingFigures
 from core.quality.rules import (
     Finding,
@@ -66,6 +66,17 @@ def judge_desk(desk: DeskSnapshot) -> BlockJudgement:
         None if checked is None else checked.figures,
         tuple(sorted(found, key=lambda one: -one.grave)),
         judge_rules((position, *found), rules),
+    )
+
+
+def without_readings(judged: BlockJudgement) -> BlockJudgement:
+    """The same for an observer who still reads: nothing of what readings say."""
+    kinds = {kind for rule in RULES if rule.name in OF_READINGS for kind in rule.kinds}
+    return replace(
+        judged,
+        read=None,
+        findings=tuple(one for one in judged.findings if one.kind not in kinds),
+        rules=tuple(one for one in judged.rules if one.rule.name not in OF_READINGS),
     )
 
 

@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 
 from ui.review.board import board_drafts_part, board_part
-from ui.review.checking import parts_now, seat_checks, signatures_part
+from ui.review.checking import parts_now, seat_checks, signatures_part, still_reads
 from ui.review.drafts import opponent_of
 from ui.review.drawing import mask_part
 from ui.review.history import history_of
-from ui.review.judgement import judge_desk
+from ui.review.judgement import judge_desk, without_readings
 from ui.review.mosaic import mosaic_part
 from ui.review.picture import (
     Part,
@@ -132,6 +132,7 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
                     seat.pair,
                     desk.recorded,
                     desk.mosaic_version,
+                    seat.operator,
                 ),
                 lambda: seat_quality(seat, desk),
             ),
@@ -181,9 +182,12 @@ def _sheet_parts(
 def seat_quality(seat: Seat, desk: DeskSnapshot) -> Part:
     """The block's quality, what readings say of it, and who has signed it."""
     judged = judge_desk(desk)
+    reads = still_reads(desk, seat.operator)
+    if reads:
+        judged = without_readings(judged)
     told = quality_part(judged, desk.state, desk.adjustments, seat.pair, rules=desk.rules)
     now = parts_now(desk)
-    return {**told, "signatures": signatures_part(desk, now), "judged": now}
+    return {**told, "reads": reads, "signatures": signatures_part(desk, now), "judged": now}
 
 
 def seat_point(seat: Seat, desk: DeskSnapshot) -> Part:

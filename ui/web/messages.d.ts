@@ -215,6 +215,8 @@ interface Quality {
   };
   milestones: Milestone[];
   read: ReadFigures | null;
+  /** The observer still reads, so that nothing of what readings say is told. */
+  reads: boolean;
   rules: [rule: string, grave: number, word: string, values: Record<string, string>,
     value: string, limit: string, source: string][];
   /** Tilt and crab that a photo may have as a rule, degrees. */

@@ -137,6 +137,13 @@ def test_what_is_no_earlier_state_is_told_with_file_cause_and_remedy__law(conten
     assert "earlier version: it lacks decision, after" in refused(other, json.dumps(old))
     old = {name: part for name, part in whole.items() if name != "checked"}
     assert "lacks checked" in refused(other, json.dumps(old))
+    for part, damaged in (
+        ("decisions", "abc"),
+        ("exterior", [{}]),
+        ("control", []),
+        ("checked", {**whole["checked"], "figures": "x"}),
+    ):
+        assert "report" in refused(other, json.dumps({**whole, part: damaged}))
     assert "another block" in refused(report, scans=["00999"])
     # A copy of the block's folder is as good as its report.
     (tmp_path / "results").mkdir()

@@ -94,10 +94,17 @@ def test_only_parts_near_a_bridge_ask_for_it__law():
     assert isinstance(found.around((5, 5, 30, 30)), BridgedHeights)
 
 
-@pytest.mark.parametrize(("height", "above"), [(0.0, "−200"), (755.0, "555")])
+@pytest.mark.parametrize(
+    ("height", "above"), [(0.0, "−200"), (755.0, "555"), ((230, 230, 90000, 230), "89800")]
+)
 def test_heights_of_another_system_are_told__truth(tmp_path, height, above):
+    heights = np.atleast_1d(height)
     with pytest.raises(ReferenceDataError, match=rf"bridges\.gpkg.*lies {above} m above"):
-        bridged(tmp_path, deck(EAST, NORTH, EAST + 100, NORTH + 10, height))
+        bridged(tmp_path, deck(EAST, NORTH, EAST + 100, NORTH + 10, *heights))
+
+
+def test_a_sliver_that_an_overlay_left_is_no_bridge__law(tmp_path):
+    assert bridged(tmp_path, deck(EAST, NORTH, EAST + 60, NORTH + 1e-9, 230)) is GROUND
 
 
 def test_places_of_a_layer_in_another_crs_keep_their_heights__oracle(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from core.quality.assessment import assess_block
 from core.quality.check_plan import CheckPlace
 from core.quality.job_rules import USUAL_RULES
-from core.quality.judged_rules import judge_rules
+from core.quality.judged_rules import OF_READINGS, judge_rules
 from core.quality.rules import judge_block
 from sessions.checks import checked_figures, new_plan, results_digest, standing_plans
 from sessions.decisions import (
@@ -33,9 +33,10 @@ from ui.review.checking import (
 )
 from ui.review.judgement import judge_desk
 from ui.review.mosaic import faults_part
+from ui.review.pages import seat_quality
 from ui.review.rule_rows import rules_part
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Notice
+from ui.review.state import Notice, Seat
 
 PLACES = tuple(CheckPlace(f"{n:02d}", 100.0 * n, 50.0 * n, 0.04 * (n == 3)) for n in range(1, 9))
 VERSION = "m1"
@@ -190,6 +191,25 @@ def test_a_signature_is_of_all_that_was_judged_and_says_when_that_changed__law(
     assert line["changed"] == ["readings"]
 
 
+def test_who_still_reads_is_told_nothing_of_what_readings_say__law(desk: DeskSnapshot) -> None:
+    all_places = [("ada", read(f"1-{n:02d}", 1.0)) for n in range(1, 9)]
+
+    def reads(who: str, *said: tuple[str, Decision]) -> bool:
+        at = replace(desk, recorded=recorded(*said), mosaic_version=VERSION)
+        told = seat_quality(Seat("s", who), at)
+        of_readings = OF_READINGS & {row[0] for row in told["rules"]}
+        assert told["reads"] == (told["read"] is None) == (not of_readings)
+        assert not told["reads"] or "ada" not in json.dumps(told)
+        return told["reads"]
+
+    assert reads("ada", *all_places[:3])
+    assert not reads("ada", *all_places)
+    assert not reads("carl", *all_places[:3])
+    # Three of eight are read a second time.
+    second = [("bob", said) for _, said in all_places[:3]]
+    assert [reads("bob", *all_places, *second[:n]) for n in range(4)] == [False, True, True, False]
+
+
 def test_nobody_signs_what_does_not_stand__law(desk: DeskSnapshot) -> None:
     busy = replace(desk, state=replace(desk.state, adjusting=True))
     stale = replace(desk, stale=("A",))
@@ -268,7 +288,7 @@ def test_what_was_said_of_a_fault_on_another_page_is_told_and_not_said_twice__la
     assert said(close, ("eve", close)) == ((), ("notice.fault-closed", {"who": "eve"}))
     # Words that came with it are kept, as an answer.
     both = replace(words, closes=True)
-    assert said(both, ("eve", close)) == ((words,), ("notice.fault-closed", {"who": "eve"}))
+    assert said(both, ("eve", close)) == ((words,), ("notice.fault-closed-said", {"who": "eve"}))
     assert said(opens, ("eve", close)) == ((opens,), None)
     twice = ("eve", close), ("bob", opens)
     assert said(opens, *twice) == ((), ("notice.fault-open", {"who": "bob"}))

@@ -78,6 +78,7 @@ export function faultList({ faults = [] }, ask, changed) {
       state.answer = "";
       if (state.chosen) ask(fault.place);
       changed();
+      showThread();
     };
     const shown = state.chosen === fault.id;
     const line = element("button", { class: `scan${shown ? " on" : ""}`,
@@ -93,11 +94,17 @@ export function faultList({ faults = [] }, ask, changed) {
     element("div", { class: "scans", id: "mosaic-faults" }, ...lines)];
 }
 
+/** Bring the answers of the chosen fault into sight. */
+export const showThread = () =>
+  document.querySelector(".fault-thread")?.scrollIntoView({ block: "nearest" });
+
 /** @param {Fault} fault */
 function thread({ id, open, said }) {
   const answer = (/** @type {boolean | null} */ closes) => {
     const whole = { subject: "decision", name: `${id}`, words: state.answer, closes };
-    if (say(whole)) state.answer = "";
+    if (!say(whole)) return;
+    state.answer = "";
+    /** @type {HTMLInputElement} */ (byId("fault-answer")).value = "";
   };
   const turn = open ? "fault.close" : "fault.open-again";
   turning.show(`${id} ${open}`);

@@ -3,7 +3,7 @@ import { undoOrRedo } from "./asked.js";
 import {
   drawEdit, dragCorner, dropCorner, editKey, editState, gripCorner, isEditing, putCorner, setUpEdit,
 } from "./mosaic_edit.js";
-import { chooseFault, drawFaults } from "./faults.js";
+import { chooseFault, drawFaults, showThread } from "./faults.js";
 import {
   CHOSEN, drawBorders, drawHoles, drawMisfits, drawSeams, photoAt,
 } from "./mosaic_marks.js";
@@ -75,7 +75,7 @@ const HAND = {
     if (!fault) return pick(place);
     pick(layerFromGround(fault.place));
     refresh();
-    first(".fault-thread", byId("mosaic")).scrollIntoView({ block: "nearest" });
+    showThread();
   },
 };
 

@@ -113,7 +113,8 @@ function readRow(name, { count, mean, shifted, interval, extreme, ...row }) {
 }
 
 /** @param {Quality} found */
-export function readings({ read }) {
+export function readings({ read, reads }) {
+  if (reads) return part("checks", element("p", { class: "muted" }, word("checks.blind")));
   if (!read) return part("checks", element("p", { class: "muted" }, word("checks.none")));
   const said = word("checks.figures", { read: read.read, planned: read.planned,
     doubled: read.doubled, unreadable: read.unreadable });

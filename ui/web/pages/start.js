@@ -67,10 +67,14 @@ function folderPart({ folder, blocks, home }) {
   const parts = [element("h2", {}, word("start.folder")),
     element("p", { class: "path" }, ...breakable(folder)), ...back];
   if (!blocks.length) return parts;
-  const lines = blocks.map((one) => element("li", { class: "have" },
-    element("i", {}, one.run ? "\u2713" : "\u00b7"), element("span", {}, element("button",
-      { disabled: start.guest, onclick: () => open(one.path) }, one.path),
-    element("small", {}, blockTold(one).join(" \u00b7 ")))));
+  const lines = blocks.map((one) => {
+    const broken = one.why && one.written;
+    const sign = broken ? "!" : one.run ? "\u2713" : "\u00b7";
+    return element("li", { class: "have" }, element("i", { class: broken ? "broken" : "" }, sign),
+      element("span", {}, element("button", { disabled: start.guest,
+        onclick: () => open(one.path) }, one.path),
+      element("small", {}, blockTold(one).join(" \u00b7 "))));
+  });
   return [...parts, element("h2", {}, word("start.blocks")),
     element("ul", { class: "holds" }, ...lines)];
 }
