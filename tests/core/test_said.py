@@ -37,12 +37,12 @@ def test_czech_has_three_forms_of_a_noun__truth(number, form):
     [(1, "1 základna"), (3, "3 základny"), (5, "5 základen"), ("2.5", "2,5 základny")],
 )
 def test_a_fraction_is_counted_with_a_form_of_its_own__truth(count, told):
-    assert Teller("cs")("report.limit.bases", most=count) == told
+    assert Teller("cs")("rules.limit.bases", most=count) == told
 
 
 def test_numbers_are_written_as_the_language_writes_them__truth():
     czech = Teller("cs")
     assert czech.number(-1234.5, ",.1f") == "\u22121\u202f234,5"
-    assert czech("report.value.against", metres="18.2", worst="P1") == "18,2 m: P1"
-    assert czech("report.value.against", metres="1", worst="film_1.2") == "1 m: film_1.2"
+    assert czech("rules.value.against", metres="18.2", worst="P1") == "18,2 m: P1"
+    assert czech("rules.value.against", metres="1", worst="film_1.2") == "1 m: film_1.2"
     assert czech.number(None) == "\u2013"
