@@ -162,14 +162,14 @@ def test_decision_of_a_newer_program_is_told_and_kept__truth(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("decision", "field"),
     [
-        (SignBlock("accepted", "", {}), "verdict"),  # type: ignore[arg-type]
-        (Remark("place", "", "tmavé", (1.0, 2.0), "hole"), "fault"),  # type: ignore[arg-type]
+        (SignBlock("accepted", "", {}), "verdict"),
+        (Remark("place", "", "tmavé", (1.0, 2.0), "hole"), "fault"),
         (ReadCheck("1-01", (float("nan"), 2.0), (1.0, 2.0), "abc"), "mosaic"),
-        (ReadCheck("1-01", (1.0, 2.0, 3.0), (1.0, 2.0), "abc"), "mosaic"),  # type: ignore[arg-type]
+        (ReadCheck("1-01", (1.0, 2.0, 3.0), (1.0, 2.0), "abc"), "mosaic"),
         (Place("P1", "A", float("inf"), 1.0), "column"),
         (ReadCheck("1-01", (1e300, 2.0), (1.0, 2.0), "abc"), "mosaic"),
-        (JudgePhoto("A", use="yes"), "use"),  # type: ignore[arg-type]
-        (SignBlock("reject", "", {"mosaic": 3}), "judged"),  # type: ignore[dict-item]
+        (JudgePhoto("A", use="yes"), "use"),
+        (SignBlock("reject", "", {"mosaic": 3}), "judged"),
     ],
 )
 def test_a_decision_whose_values_cannot_be_is_told__truth(
