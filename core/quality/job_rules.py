@@ -56,7 +56,8 @@ MOST_BASES, MOST_PER_MODEL = 1000, 100  # design: no rule asks for more.
 class JobRules:
     """Every limit that a job may set, with the default of the standards.
 
-    Names end in their unit; a share is in per cent, a count without a unit.
+    Names end in their unit; a share is in per cent, a count without a unit. What each limits stands
+    beside its default, for the file of the job says it, too.
     """
 
     # design: what the report promises; on coarse scans what a pixel allows.
@@ -64,128 +65,102 @@ class JobRules:
         0.8, "position error on the ground up to which a block is released", "metres",
         (0.01, 1000), GRUBER,
     )  # fmt: skip
-    """Position error on the ground up to which a block is released, metres."""
     # design: what the coarsest of our scans allow.
     position_px: float = _limit(
         1.3, "the same in pixels of the scans; the larger of both counts", "pixels", (0, 100),
         GRUBER,
     )  # fmt: skip
-    """The same in pixels of the scans; the larger of both counts."""
     # source: ASPRS Positional Accuracy Standards, edition 2 (2023): fewer allow no statement.
     readings: int = _limit(
         30, "places of the mosaic that are read at least", "places", (1, 120), ASPRS
     )
-    """Places of the mosaic that are read at least."""
     # design: of 30 places nine, whose scatter is then known to a third.
     second_readings_percent: float = _limit(
         30.0, "places that a second observer reads at least, of those read", "per cent", PERCENT,
         ORTHOPHOTO,
     )  # fmt: skip
-    """Places that a second observer reads at least, per cent of those read."""
     # source: ASPRS Positional Accuracy Standards, edition 2 (2023): fewer allow no statement.
     check_points: int = _limit(30, "independent check points at least", "points", (1, 120), ASPRS)
-    """Independent check points that a statement needs at least."""
     # source: report on the Czech orthophoto, 1.1.2: ten per cent of the control proved enough.
     check_share_percent: float = _limit(
         10.0, "independent check points at least, of control points", "per cent", PERCENT,
         ORTHOPHOTO,
     )  # fmt: skip
-    """Independent check points at least, per cent of control points."""
     # design: a fifth off is what weights of a sound block are.
     sigma_nought_low: float = _limit(
         0.8, "sigma nought of a sound block at least", "no unit", SIGMAS, GRUBER
     )
-    """Below it the weights do not fit the residuals."""
     # design: as far off as below one.
     sigma_nought_high: float = _limit(
         1.2, "sigma nought of a sound block at most", "no unit", SIGMAS, GRUBER
     )
-    """Above it the weights do not fit the residuals."""
     # design: a half off, nothing that is predicted with them can be believed.
     sigma_nought_least: float = _limit(
         0.5, "sigma nought below which a block is not good enough", "no unit", SIGMAS, GRUBER
     )
-    """Below it a block is not good enough."""
     # design: as far off as below one.
     sigma_nought_most: float = _limit(
         1.5, "sigma nought above which a block is not good enough", "no unit", SIGMAS, GRUBER
     )
-    """Above it a block is not good enough."""
     # source: Czech instruction for the renewal of cadastral maps, as the manuals of aerial
     # triangulation tell it: points of a block, and of a strip.
     control_points: int = _limit(
         4, "control points of a block at least", "points", (3, COUNTS[1]), INSTRUCTION
     )
-    """Control points of a block at least."""
     strip_points: int = _limit(
         3, "control points that the photos of a strip show at least", "points", COUNTS, INSTRUCTION
     )
-    """Control points that the photos of a strip show at least."""
     # source: the same. Bases between neighbours along the block's edge.
     edge_plan_bases: float = _limit(
         3.0, "gap of control in plan along the block's edge at most", "bases", (0, MOST_BASES),
         INSTRUCTION,
     )  # fmt: skip
-    """Gap of control in plan along the block's edge at most, bases."""
     edge_heights_bases: float = _limit(
         2.0, "gap of known heights along the block's edge at most", "bases", (0, MOST_BASES),
         INSTRUCTION,
     )  # fmt: skip
-    """Gap of known heights along the block's edge at most, bases."""
     # source: the same. Points inside the block.
     inside_plan: float = _limit(
         0.4, "control points inside the block at least", "points for each stereo model",
         (0, MOST_PER_MODEL), INSTRUCTION,
     )  # fmt: skip
-    """Control points inside the block for each stereo model at least."""
     # source: the same.
     inside_heights: float = _limit(
         0.8, "known heights inside the block at least", "points for each stereo model",
         (0, MOST_PER_MODEL), INSTRUCTION,
     )  # fmt: skip
-    """Known heights inside the block for each stereo model at least."""
     # design: two thirds of the nine parts.
     control_parts: int = _limit(
         6, "parts of the block's nine that have control at least", "parts", PARTS, GRUBER
     )
-    """Parts of the block's nine that have control at least."""
     # design: two thirds of the nine areas.
     photo_parts: int = _limit(
         6, "areas of a photo's nine that have ties or control at least", "areas", PARTS, GRUBER
     )
-    """Areas of a photo's nine that have ties or control at least."""
     # design: at 60 % overlap half of a photo is seen three times.
     rays_percent: float = _limit(
         40.0, "tie points seen in three photos or more at least", "per cent", PERCENT, GRUBER
     )
-    """Tie points seen in three photos or more at least, per cent."""
     # source: national specifications for aerial survey: as a rule, and at most.
     tilt_deg: float = _limit(3.0, "tilt of a photo as a rule", "degrees", TURN_DEG, SURVEY)
-    """Tilt of a photo as a rule, degrees."""
     # source: the same.
     tilt_most_deg: float = _limit(4.5, "tilt of a photo at most", "degrees", TURN_DEG, SURVEY)
-    """Tilt of a photo at most, degrees."""
     # source: the same.
     crab_deg: float = _limit(5.0, "crab of a photo as a rule", "degrees", TURN_DEG, SURVEY)
-    """Crab of a photo as a rule, degrees."""
     # source: the same.
     crab_most_deg: float = _limit(7.0, "crab of a photo at most", "degrees", TURN_DEG, SURVEY)
-    """Crab of a photo at most, degrees."""
     # source: the same. Least overlap along and across the strips.
     along_percent: float = _limit(
         56.0, "overlap along the strips at least", "per cent", PERCENT, SURVEY
     )
-    """Overlap along the strips at least, per cent."""
     # source: the same.
     across_percent: float = _limit(
         20.0, "overlap between strips at least", "per cent", PERCENT, SURVEY
     )
-    """Overlap between strips at least, per cent."""
     # source: the same (report on the Czech orthophoto, 1.1.1): 30 degrees above the horizon.
     sun_deg: float = _limit(
         30.0, "height of the sun above the horizon at least", "degrees", TURN_DEG, SURVEY
     )
-    """Height of the sun above the horizon at least, degrees."""
 
 
 LIMITS: Mapping[str, Limit] = {one.name: one.metadata["limit"] for one in fields(JobRules)}
