@@ -470,7 +470,7 @@ async function begin() {
   setUpFilm();
   await load();
   listenToDrops();
-  window.gruber = { found: () => state.found, values: formValues, run: runNow, send };
+  window.gruber = { found: () => state.found, values: formValues, run: runNow, send, load };
   watchRun(showRun);
 }
 

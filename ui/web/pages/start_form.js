@@ -18,7 +18,7 @@ const LONG = ["marks", "files", "rasters", "file"];
 
 /** @param {Form} form @param {() => void} changed */
 export function showForm(form, changed) {
-  const focus = document.activeElement?.id;
+  const held = heldPlace();
   const several = form.sections.filter(({ kind }) => kind === "camera").length > 1;
   state.shown = [];
   const parts = form.sections.map(({ table, kind, fields }) => {
@@ -33,7 +33,20 @@ export function showForm(form, changed) {
   });
   byId("form").replaceChildren(...parts);
   fillFields(form);
-  if (focus) document.getElementById(focus)?.focus();
+  takeUp(held);
+}
+
+/** The field that has the keyboard, and what is marked in it: a form drawn anew keeps both. */
+function heldPlace() {
+  const field = /** @type {HTMLInputElement | null} */ (document.activeElement);
+  return { id: field?.id, from: field?.selectionStart ?? null, to: field?.selectionEnd ?? null };
+}
+
+/** @param {ReturnType<typeof heldPlace>} held */
+function takeUp({ id, from, to }) {
+  const field = /** @type {HTMLInputElement | null} */ (id ? document.getElementById(id) : null);
+  field?.focus();
+  if (from !== null) field?.setSelectionRange(from, to);
 }
 
 /**
