@@ -21,8 +21,8 @@ from core.geometry.crs import Bounds, read_crs
 from core.orthos.scan_places import Heights
 from core.raster.grid import Grid
 
-# design: the highest bridges of the world stand some 600 m above ground, of a country 100 m; decks
-# at the level of a dam or quay lie a few metres below what a coarse DEM says.
+# design: above it are a handful of bridges of the world, in the middle of their decks; feet taken
+# for metres are told from 175 m on. Decks at a dam or quay lie a little below a coarse DEM.
 LOWEST_M, HIGHEST_M = -10.0, 400.0
 """Every corner of a deck lies so far above the DEM."""
 # design: no bridge is smaller; what overlays of layers leave is.

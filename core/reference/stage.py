@@ -21,6 +21,7 @@ from core.raster.scan_file import ScanFile
 from core.reference.junctions import Junction, find_junctions
 from core.reference.road_graph import planar_graph
 from core.reference.salient import TEMPLATE_PX, SalientPoint, find_salient_points
+from core.said import say
 
 # design: 12 x 12 places are enough to orient a photo where only one in four is found.
 CELLS_ACROSS = 12
@@ -48,7 +49,7 @@ class ReferenceFeatures:
     sources: dict[str, Source]
     """Junction or salient, by name."""
     doubts: tuple[Doubt, ...] = ()
-    """Road layers that give nothing here."""
+    """Layers that give nothing here: roads, masks, bridges."""
 
 
 def find_reference_points(
@@ -97,7 +98,7 @@ def find_reference_points(
         progress=work.progress,
         mapper=work.mapper,
     )
-    return replace(features, doubts=roads.notes)
+    return replace(features, doubts=(*roads.notes, *_elsewhere(files, bounds)))
 
 
 def junctions_of(
@@ -115,6 +116,26 @@ def junctions_of(
 def _polygons(path: Path | None, files: ReferenceFiles, bounds: Bounds) -> BaseGeometry | None:
     crs = read_crs(files.crs, "block.toml")
     return read_mask_polygons(path, crs, bounds) if path else None
+
+
+def _elsewhere(files: ReferenceFiles, bounds: Bounds) -> tuple[Doubt, ...]:
+    """Files of polygons that have none in the block, perhaps since they say another CRS."""
+    given = {"mask": files.mask, "bridges": files.bridges}
+    crs = read_crs(files.crs, "block.toml")
+    return tuple(
+        Doubt(
+            "polygons-elsewhere",
+            str(path),
+            say(
+                "[reference] {key}: no polygon of {name} lies in the block. It may be empty, or "
+                "in another CRS than it says.",
+                key=key,
+                name=path.name,
+            ),
+        )
+        for key, path in given.items()
+        if path is not None and read_mask_polygons(path, crs, bounds).is_empty
+    )
 
 
 def gather_reference_points(

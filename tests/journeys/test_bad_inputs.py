@@ -362,6 +362,19 @@ def test_empty_road_layers_leave_salient_points_and_a_doubt__truth(
     assert kinds == ["roads-empty"] * 3
 
 
+def test_bridges_outside_of_the_block_are_a_doubt__truth(copy_of: CopyOf, capsys: Capsys) -> None:
+    copy = copy_of(1)
+    copy.replace("bridges.geojson", json.dumps({"type": "FeatureCollection", "features": []}))
+    text = (copy.folder / "block.toml").read_text()
+    copy.replace(
+        "block.toml", text.replace("[reference]", '[reference]\nbridges = "bridges.geojson"')
+    )
+    assert gruber(capsys, "run", copy.folder, "--until", "reference").code == 0
+    (doubt,) = json.loads(doubts_of(copy, "reference"))["value"]["doubts"]["@tuple"]
+    assert doubt["kind"] == "polygons-elsewhere"
+    assert "bridges.geojson" in str(doubt["message"])
+
+
 def test_a_dem_of_half_the_block_is_a_doubt__truth(copy_of: CopyOf, capsys: Capsys) -> None:
     copy = copy_of(1)
     raster_placed(copy, "dem.tif", shifted(-2000))
