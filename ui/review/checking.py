@@ -179,7 +179,7 @@ def checks_part(
     """
     plans = standing_plans(recorded)
     if not plans:
-        return {"plan": None, "places": []}
+        return {"plan": None, "places": [], "wanted": 0}
     newest, read = plans[-1], readings_of(recorded)
     shown = SHOWN_PX * pixel_m
     led = second_places(newest.plan, read, operator, version, rules=rules)
@@ -189,8 +189,10 @@ def checks_part(
         if who == operator and one.version == version
     }
     asked = _asked_for(newest.plan.places, own)
+    wanted = wanted_places(newest.plan, read, operator, version, rules=rules)
     return {
         "plan": plan_line(newest),
+        "wanted": len(wanted),
         "places": [
             {
                 **_shown(place, operator, newest.plan.digest, shown),
@@ -282,26 +284,35 @@ def second_places(
     return frozenset(sorted(numbers, key=numbers.__getitem__)[:wanted])
 
 
-def still_reads(desk: DeskSnapshot, operator: str) -> bool:
-    """Whether an observer has begun to read the newest plan and has not read all that is theirs.
+def wanted_places(
+    plan: PlanChecks,
+    read: Readings,
+    operator: str,
+    version: str,
+    *,
+    rules: JobRules = USUAL_RULES,
+) -> frozenset[str]:
+    """Places that an observer is to read: those they are led to where others read, else all."""
+    names = frozenset(place.place_id for place in plan.places if not place.after)
+    others = any(
+        who != operator and name in names and one.version == version
+        for (name, who), (_, one) in read.items()
+    )
+    return second_places(plan, read, operator, version, rules=rules) if others else names
 
-    Those are the places they are led to where somebody else reads, too, else all.
-    """
+
+def still_reads(desk: DeskSnapshot, operator: str) -> bool:
+    """Whether an observer has begun to read the newest plan and has not read all that is theirs."""
     plans = standing_plans(desk.recorded)
     if not plans:
         return False
     plan, version = plans[-1].plan, desk.mosaic_version
     read = readings_of(desk.recorded)
     names = {place.place_id for place in plan.places if not place.after}
-    by = {
-        who: {name for (name, other), (_, one) in read.items()
-              if other == who and one.version == version and name in names}
-        for _, who in read
-    }  # fmt: skip
-    own = by.pop(operator, set[str]())
-    led = second_places(plan, read, operator, version, rules=desk.rules)
-    wanted = led if any(by.values()) else names
-    return bool(own) and not wanted <= own
+    own = {
+        name for (name, who), (_, one) in read.items() if who == operator and one.version == version
+    } & names
+    return bool(own) and not wanted_places(plan, read, operator, version, rules=desk.rules) <= own
 
 
 def _shown(place: CheckPlace, operator: str, digest: str, shown_m: float) -> Part:

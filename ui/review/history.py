@@ -227,7 +227,11 @@ def turn_back(
     shown = mark if seat.sheet else seat.current
     if act == "undo" and shown and is_newer(seat, shown, last):
         return (), seat.without_draft(shown).without_mark(*shown)
-    if last is not None and last.decision_id != asked and (about := _undo_question(last.decision)):
+    if (
+        last is not None
+        and last.decision_id != asked
+        and (about := _undo_question(last, decisions))
+    ):
         return (), replace(seat, turning=(last.decision_id, about))
     known = len(decisions)
     turn = session.undo if act == "undo" else session.redo
@@ -260,13 +264,24 @@ def _words_elsewhere(decisions: Sequence[Recorded]) -> set[int]:
     return elsewhere
 
 
-def _undo_question(decision: Decision) -> Notice | None:
+def _undo_question(item: Recorded, recorded: Sequence[Recorded]) -> Notice | None:
     """What is asked before a decision that took long or vouches for the block is taken back."""
-    match decision:
+    match item.decision:
         case PlanChecks():
-            values = {"what": subject_of(decision), "count": f"{decision.count}"}
+            values = {"what": subject_of(item.decision), "count": f"{item.decision.count}"}
             return Notice("undo.ask.PlanChecks", values)
         case SignBlock():
+            earlier = [
+                one.when
+                for one in standing(recorded)
+                if isinstance(one.decision, SignBlock)
+                and one.who == item.who
+                and one.decision_id < item.decision_id
+            ]
+            if earlier:
+                return Notice(
+                    "undo.ask.SignBlock.earlier", {"when": earlier[-1][:16].replace("T", " ")}
+                )
             return Notice("undo.ask.SignBlock")
         case _:
             return None
@@ -434,7 +449,7 @@ def asked_back(
     turned, notice = taken_back(decision_id, recorded, seat.operator, again=again)
     if turned and not again:
         item = next(one for one in recorded if one.decision_id == decision_id)
-        if about := _undo_question(item.decision):
+        if about := _undo_question(item, recorded):
             return (), replace(seat, turning=(decision_id, about)), None
     return turned, seat, notice
 

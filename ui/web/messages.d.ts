@@ -471,6 +471,8 @@ interface CheckSheet {
   plan: PlanLine | null;
   mosaic: Mosaic | null;
   places: CheckedPlace[];
+  /** So many places the observer is to read: the first ones. */
+  wanted: number;
   /** Standard deviations (east, north) expected of a reading, metres. */
   sigmas: Record<string, Pair | null>;
   /** From how many of them on a reading is asked about. */

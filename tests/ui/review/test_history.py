@@ -43,7 +43,7 @@ from ui.review.history import (
     turn_notice,
     with_adjustment,
 )
-from ui.review.state import NO_EXTRA, Draft, Seat
+from ui.review.state import NO_EXTRA, Draft, Notice, Seat
 from ui.words.catalogue import LANGUAGES, Teller, words
 
 KEY = ("J101", "a")
@@ -312,8 +312,14 @@ def test_a_signature_is_asked_about_before_its_button_withdraws_it__law(tmp_path
         # Anything else goes at once, and nobody else's signature is asked about.
         decided, seat, _ = asked_back(2, session.decisions(), after, again=False)
         assert (decided, seat) == ((Withdraw(2),), after)
+        # One that stands again is told.
+        first, second = (session.record(SignBlock("reject", words, {})) for words in "ab")
+        _, seat, _ = asked_back(second.decision_id, session.decisions(), after, again=False)
+        assert seat.turning is not None
+        told = {"when": first.when[:16].replace("T", " ")}
+        assert seat.turning[1] == Notice("undo.ask.SignBlock.earlier", told)
         session.record(SignBlock("accept", "", {}), operator="bob")
-        decided, seat, notice = asked_back(4, session.decisions(), after, again=False)
+        decided, seat, notice = asked_back(6, session.decisions(), after, again=False)
         assert (decided, seat) == ((), after)
         assert notice is not None
         assert notice.text == "notice.not-yours"

@@ -212,7 +212,7 @@ function stateOf({ after, state: known, reason }) {
 }
 
 /** @param {CheckSheet} found @param {CheckedPlace} place */
-function head({ places }, place) {
+function head({ places, wanted }, place) {
   const done = places.filter(isDone).length;
   const at = places.indexOf(place) + 1;
   const far = isDoubted() && farOff();
@@ -224,7 +224,7 @@ function head({ places }, place) {
     element("span", {
       id: "checks-state", role: "status", title: said, class: far ? "against" : "",
     }, said),
-    element("span", { class: "muted", id: "checks-done" }, word("checks.done", { done })),
+    element("span", { class: "muted", id: "checks-done" }, word("checks.done", { done, wanted })),
     button("keep", "Y", keep, !state.marks.every(Boolean)),
     button("not", "N", ask),
     element("button", { "data-check": "back", disabled: start.guest || !place.decision,
