@@ -75,7 +75,7 @@ def make_misfit(
         return None
     products = session.products
     digest = products.digest_of(
-        PRODUCT, 3, mosaic.path, files, orientation, report.sigma_nought, report.exterior_sigmas
+        PRODUCT, 4, mosaic.path, files, orientation, report.sigma_nought, report.exterior_sigmas
     )
     kept: Kept | None = None if anew else products.load_value(PRODUCT, digest)
     if kept is not None:
@@ -162,7 +162,7 @@ def make_places(
     files, buildings = given.reference, project.reference.buildings
     version = version_on_disk(products)
     digest = products.digest_of(
-        PLACES, 3, version, mosaic.path, mosaic.seams, files, buildings, report.sigma_nought,
+        PLACES, 4, version, mosaic.path, mosaic.seams, files, buildings, report.sigma_nought,
         report.exterior_sigmas, report.tie_residuals_px,
     )  # fmt: skip
     kept: tuple[str, tuple[FaultPlace, ...]] | None = products.load_value(PLACES, digest)

@@ -38,7 +38,7 @@ from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.geometry.crs import Bounds
 from core.mosaic.comparison import MosaicAccuracy
-from core.mosaic.fault_places import FaultPlace, by_length, misfit_findings
+from core.mosaic.fault_places import FaultPlace, misfit_findings
 from core.mosaic.misfit_places import Misfit
 from core.mosaic.seam_fit import SeamFit
 from core.mosaic.seams import Seam
@@ -190,7 +190,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         else mosaic_figures(content.mosaic, content.seams, content.holes or (), content.seam_fits),
         "change": dict(content.change),
         "misfit": misfit_figures(content.misfit),
-        "likely_faults": [fault_figures(place) for place in by_length(content.likely_faults)],
+        "likely_faults": [fault_figures(place) for place in content.likely_faults],
         "sheets": [] if content.sheets is None else sheet_figures(content.sheets.files),
         "timings_s": dict(content.timings_s),
         "provenance": dict(content.provenance),

@@ -24,7 +24,13 @@ from core.block import Photo
 from core.geometry.crs import Bounds
 from core.geometry.robust import robust_sigma
 from core.mosaic.misfit import BlockErrors, Spreads, Vectors, photos_shown, predicted_misfit
-from core.mosaic.misfit_places import LEAST_SCATTER_M, SURE, TWO_SIGMAS, MisfitPlace
+from core.mosaic.misfit_places import (
+    LEAST_SCATTER_M,
+    SURE,
+    TWO_SIGMAS,
+    MisfitPlace,
+    surely_there_m,
+)
 from core.mosaic.seam_fit import Matches, SeamFit, borders_of
 from core.mosaic.seams import Seam
 from core.quality.rules import DOUBTFUL, Finding
@@ -94,9 +100,9 @@ class FaultPlace:
         return float(np.hypot(*self.shift_m))
 
     @property
-    def rank(self) -> tuple[bool, float]:
-        """Significant ones first, then by what is surely there."""
-        return not self.significant, TWO_SIGMAS * self.sigma_m - self.length_m
+    def least_m(self) -> float:
+        """So much of it is surely there, metres: what ranks places."""
+        return surely_there_m(self.shift_m, self.sigma_m)
 
 
 def worst_places(
@@ -131,13 +137,8 @@ def worst_places(
     found += cut_houses(seams, buildings, errors, LEAST_CUT_PX * grid.ground_sample_distance_m)
     found += [] if dem is None else ground_places(dem, grid.bounds, seams, errors)
     found += tie_places(errors)
-    worst = sorted(found, key=lambda place: place.rank)[:MOST]
+    worst = sorted(found, key=lambda place: -place.least_m)[:MOST]
     return tuple(_suspect_first(place, worst) for place in worst)
-
-
-def by_length(places: Sequence[FaultPlace]) -> tuple[FaultPlace, ...]:
-    """Places as lists show them: significant ones first, the largest first in each group."""
-    return tuple(sorted(places, key=lambda place: (not place.significant, -place.length_m)))
 
 
 def misfit_findings(places: Sequence[FaultPlace]) -> tuple[Finding, ...]:
@@ -275,7 +276,7 @@ def _grouped(
         for place, shift, own in zip(*rows, strict=True)
         if np.isfinite(own).all()
     ]
-    for one in sorted(made, key=lambda place: place.rank):
+    for one in sorted(made, key=lambda place: -place.least_m):
         reach = max(one.length_m / 2, TWO_SIGMAS * scatter)
         alike = any(np.hypot(*np.subtract(one.shift_m, kept.shift_m)) <= reach for kept in found)
         if one.significant and not alike:

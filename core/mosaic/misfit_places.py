@@ -11,6 +11,7 @@ they give the probability that a place is off by more than predicted. No length 
 that is told is the mean over both: a few vectors that chance made agree far off weigh little.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -35,7 +36,7 @@ SURE = 0.95
 """So probable is what is called significant."""
 # source: 95 % of normal errors are within
 TWO_SIGMAS = 2.0
-"""A place is ranked by its shift less so many standard deviations: so much is surely there."""
+"""So many standard deviations less than its shift is surely there at a place."""
 # design: some pages of a list; more would not be looked at.
 MOST = 40
 """Places told at most."""
@@ -112,7 +113,7 @@ class Misfit:
     systematic: SystematicMisfit | None
     """None where there are too few vectors."""
     places: tuple[MisfitPlace, ...]
-    """Significant ones first, then by what is surely there."""
+    """The worst first: by what is surely there, predicted or not."""
     judged: int
     """Neighbourhoods that were weighed."""
 
@@ -177,8 +178,17 @@ class _Hood:
 
     @property
     def least_m(self) -> float:
-        """So much of the shift is surely there."""
-        return float(np.hypot(*self.shift_m[0])) - TWO_SIGMAS * self.sigma_m
+        """So much of it is surely there."""
+        return surely_there_m(self.shift_m[0].tolist(), self.sigma_m)
+
+
+def surely_there_m(shift_m: Sequence[float], sigma_m: float) -> float:
+    """What ranks places: the length of a shift less two standard deviations, metres.
+
+    The worst place is where most is off, whether the block predicts it or not. A length alone would
+    put first what is known badly.
+    """
+    return math.hypot(*shift_m) - TWO_SIGMAS * sigma_m
 
 
 def _weigh_all(vectors: MisfitVectors) -> list[_Hood]:
@@ -274,7 +284,7 @@ def _local_scatter(vectors: MisfitVectors) -> float:
 def _places(vectors: MisfitVectors, hoods: Sequence[_Hood]) -> tuple[MisfitPlace, ...]:
     """Neighbourhoods of a photo that are off the same way are one place, told by its worst."""
     left = [hood for hood in hoods if hood.there >= SURE and hood.least_m > 0]
-    left.sort(key=lambda hood: (hood.off < SURE, -hood.least_m, hood.middle))
+    left.sort(key=lambda hood: (-hood.least_m, hood.middle))
     photos = vectors.photo_ids
     places: list[MisfitPlace] = []
     while left and len(places) < MOST:

@@ -11,7 +11,6 @@ from affine import Affine
 
 from app.cli import DONE, main
 from app.misfit import COLUMNS, PLACES, PRODUCT, TABLE, known_places, misfit_rows
-from core.mosaic.fault_places import by_length
 from sessions.checks import version_on_disk
 from sessions.products import Products, digest_of
 from sessions.session import Session
@@ -50,7 +49,7 @@ def test_the_report_has_every_likely_fault_worst_first__law(tiny_run: Tiny) -> N
         _, places = session.products.latest_value(PLACES)
     figures = json.loads((tiny_run.folder / "results/report.json").read_text(encoding="utf-8"))
     told = [(one["kind"], *one["position"]) for one in figures["likely_faults"]]
-    assert told == [(place.kind, place.east, place.north) for place in by_length(places)] != []
+    assert told == [(place.kind, place.east, place.north) for place in places] != []
 
 
 def test_the_mosaic_is_compared_with_further_references__truth(tiny_run: Tiny, tmp_path: Path):

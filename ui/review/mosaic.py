@@ -13,7 +13,6 @@ from core.arrays import Position
 from core.block import USED
 from core.control.prediction import LEAST_UNIT, pixels_by_plan, plan_covariances, shown_in
 from core.doubts import Failure
-from core.mosaic.fault_places import by_length
 from core.mosaic.seam_edits import (
     SeamArea,
     SeamEdit,
@@ -215,7 +214,7 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
                 "significant": one.significant,
                 "height": short(one.height_m, 0),
             }
-            for one in by_length(shown.misfit[:MISFITS_TOLD])
+            for one in shown.misfit[:MISFITS_TOLD]
         ],
     }
 

@@ -109,7 +109,7 @@ def test_the_ortho_beneath_shows_the_ground_of_the_mosaic__truth(tmp_path, mosai
 
 
 def test_likely_faults_stand_in_the_order_of_the_desk__law(content, tmp_path):
-    """Significant ones first, the largest first; with what tells them, photo or seam, and P."""
+    """In the order of the list, with what tells them, photo or seam, and P."""
     east, north = content.report.block.origin[:2]
     first, second = list(content.report.block.photos)[:2]
     rows = (
@@ -122,13 +122,13 @@ def test_likely_faults_stand_in_the_order_of_the_desk__law(content, tmp_path):
     ]
     html, told = write_report(tmp_path, replace(content, likely_faults=places))
     figures = json.loads(told.read_text(encoding="utf-8"))["likely_faults"]
-    assert [one["kind"] for one in figures] == ["seam", "ties", "reference", "reference"]
-    assert [one["probability"] for one in figures] == [0.97, 0.99, 0.4, 0.1]
+    assert [one["kind"] for one in figures] == ["reference", "ties", "seam", "reference"]
+    assert [one["probability"] for one in figures] == [0.4, 0.99, 0.97, 0.1]
     short = short_names(list(content.report.block.photos))
     page = html.read_text(encoding="utf-8")
     table = page[page.index('id="likely"') :].partition("</table>")[0]
     assert f"{short[first]} | {short[second]}" in re.sub(r"\s+", " ", table)
-    lines = [TELL(f"mosaic.misfit.{kind}") for kind in ("seam", "ties", "reference")]
+    lines = [TELL(f"mosaic.misfit.{kind}") for kind in ("reference", "ties", "seam")]
     assert [table.index(line) for line in lines] == sorted(table.index(line) for line in lines)
 
 

@@ -139,7 +139,8 @@ def test_the_list_is_one_with_what_is_surely_there_first__law(run):
         (), [fit], mosaic.seams, (), errors=errors, grid=mosaic.grid, dem=tiny.reference.dem
     )
     assert [place.kind for place in places] == ["seam"]
-    assert [place.rank for place in places] == sorted(place.rank for place in places)
+    there = [place.length_m - 2 * place.sigma_m for place in places]
+    assert there == sorted(there, reverse=True)
 
 
 def test_the_photo_that_fits_none_of_its_neighbours_is_told_first__law(run):
