@@ -15,6 +15,7 @@ from core.adjustment.influence import influence_of
 from core.control.prediction import covariances_of
 from core.doubts import Doubt
 from core.errors import PhotogrammetryError
+from core.geometry.robust import robust_sigma
 from core.matching.reference import ReferenceFiles
 from core.mosaic.comparison import MosaicAccuracy, compare_orthos
 from core.mosaic.composition import MosaicProduct
@@ -196,7 +197,14 @@ def _errors(given: BlockInput, report: AdjustmentReport, dem: Dem) -> BlockError
     influence = influence_of(report, options, terrain=lambda points: dem.heights(points[:, :2]))
     covariances = {} if influence is None else covariances_of(influence)
     files = given.reference
-    return BlockErrors(report, covariances, dem, files.ortho_sigma_m, files.dem_sigma_m)
+    heights = files.dem_sigma_m if files.dem else level_sigma_m(report, dem)
+    return BlockErrors(report, covariances, dem, files.ortho_sigma_m, heights)
+
+
+def level_sigma_m(report: AdjustmentReport, level: Dem) -> float:
+    """How far the ground lies from level ground that stands for a DEM, by the ties, metres."""
+    ties = report.tie_positions[np.isfinite(report.tie_positions).all(axis=1)]
+    return robust_sigma(ties[:, 2] - level.heights(ties[:, :2])) if len(ties) else 0.0
 
 
 def _overlap(mosaic: Path, files: ReferenceFiles) -> bool:

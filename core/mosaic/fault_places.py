@@ -49,6 +49,9 @@ TIE_HOOD = 6
 # design: two floors and a roof; where houses are lower a cut is seen less.
 HOUSE_M = 6.0
 """Height by which photos lean a house apart."""
+# design: few houses and trees are taller; of those that are ties disagree by their heights.
+TALLEST_M = 30.0
+"""So far above the ground a tie may lie."""
 # design: less of a house beside the seam is its eaves.
 LEAST_CUT_PX = 2.0
 """A seam runs so far through a house that it cuts, pixels of the mosaic."""
@@ -358,14 +361,16 @@ def _standing_out(dem: Dem, bounds: Bounds, reduction: int) -> tuple[Vectors, Sc
 def _tied_pairs(errors: BlockErrors) -> list[Compared]:
     """Ties of every two photos, those left out as gross errors too: place, second minus first.
 
-    Ties lie on details that are distinct either way: their scatter tells how well.
+    Ties lie on details that are distinct either way: their scatter tells how well. Roofs and crowns
+    are compared at their own heights, or they would all disagree.
     """
-    block = errors.report.block
+    block, objects = errors.report.block, _object_heights(errors)
     ties, ground = block.ties, np.full((len(block.ties.point), 2), np.nan)
     for number, name in enumerate(ties.photo_ids):
         rays = np.flatnonzero(ties.photo == number)
         if name in errors.covariances and len(rays):
-            ground[rays] = _shown_ground(block.photos[name], ties.pixels[rays], errors)
+            photo, pixels = block.photos[name], ties.pixels[rays]
+            ground[rays] = _shown_ground(photo, pixels, errors, objects[ties.point[rays]])
     rays = np.flatnonzero(np.isfinite(ground).all(axis=1))
     rays = rays[np.lexsort((ties.photo[rays], ties.point[rays]))]
     found: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)
@@ -383,11 +388,22 @@ def _tied_pairs(errors: BlockErrors) -> list[Compared]:
     ]
 
 
-def _shown_ground(photo: Photo, pixels: PixelPoints, errors: BlockErrors) -> Vectors:
-    """Easting and northing at which rays meet the heights."""
+def _object_heights(errors: BlockErrors) -> Scalars:
+    """Adjusted heights of ties that may be those of houses and trees; NaN for any other."""
+    positions = errors.report.tie_positions
+    above = positions[:, 2] - errors.heights.heights(positions[:, :2])
+    unsure = TWO_SIGMAS * errors.dem_sigma_m
+    likely = (above >= -unsure) & (above <= TALLEST_M + unsure)
+    return np.where(likely, positions[:, 2], np.nan)
+
+
+def _shown_ground(
+    photo: Photo, pixels: PixelPoints, errors: BlockErrors, known: Scalars
+) -> Vectors:
+    """Easting and northing at which rays meet known heights, or else the ground."""
     camera = errors.report.block.camera_of(photo.photo_id)
     heights = np.full(len(pixels), photo.ground_height_m)
     for _ in range(RAY_STEPS):
         places = photo.object_from_pixel(pixels, heights, camera)[:, :2]
-        heights = _on_ground(places, photo, errors)[:, 2]
+        heights = np.where(np.isfinite(known), known, _on_ground(places, photo, errors)[:, 2])
     return photo.object_from_pixel(pixels, heights, camera)[:, :2]

@@ -267,18 +267,30 @@ def _weigh(vectors: MisfitVectors, near: np.ndarray, scatter: Scalars, places: f
 
 
 def _local_scatter(vectors: MisfitVectors) -> float:
-    """Standard deviation per axis of neighbouring vectors about each other, metres.
+    """Standard deviation per axis of right vectors about their neighbours' shift, metres.
 
-    Beyond noise it holds what objects were moved by, and relief that the heights do not show.
+    Beyond the noise of each it holds what objects were moved by, and relief that the heights do not
+    show. The most likely one, by the differences of neighbours in one photo: both are right, and
+    differ by it, or at least one lies anywhere in the search.
     """
-    # design: nine in ten are right, so that the median difference is of right ones.
-    rows = np.flatnonzero(vectors.probabilities > 0.9)
-    if len(rows) < 2:
-        return 0.0
-    pairs = np.array(list(_hoods(vectors.positions[rows], vectors.patch_m, 2)), dtype=np.int64)
-    pairs = rows[pairs.reshape(-1, 2)]
+    photos = np.array(vectors.photo_ids)
+    pairs = np.array(
+        [
+            rows[pair]
+            for name in sorted(set(vectors.photo_ids))
+            for rows in [np.flatnonzero(photos == name)]
+            for pair in _hoods(vectors.positions[rows], vectors.patch_m, 2)
+        ],
+        dtype=np.int64,
+    ).reshape(-1, 2)
     apart = vectors.shifts_m[pairs[:, 0]] - vectors.shifts_m[pairs[:, 1]]
-    return robust_sigma(apart) / float(np.sqrt(2))
+    right = np.minimum(vectors.probabilities[pairs], MOST_SURE).prod(axis=1)
+    noise = np.square(vectors.sigmas_m[pairs]).sum(axis=1)
+    scatters = np.linspace(0.0, SEARCH_M / 4, STEPS)
+    spread = noise + 2 * scatters[:, None] ** 2
+    agreed = np.exp(-0.5 * np.sum(apart**2, axis=1) / spread) / (2 * np.pi * spread)
+    chances = np.log(right * agreed + (1 - right) / (2 * SEARCH_M) ** 2).sum(axis=1)
+    return float(scatters[np.argmax(chances)])
 
 
 def _places(vectors: MisfitVectors, hoods: Sequence[_Hood]) -> tuple[MisfitPlace, ...]:

@@ -6,11 +6,15 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pytest
 import rasterio
 from affine import Affine
 
 from app.cli import DONE, main
-from app.misfit import COLUMNS, PLACES, PRODUCT, TABLE, known_places, misfit_rows
+from app.misfit import COLUMNS, PLACES, PRODUCT, TABLE, known_places, level_sigma_m, misfit_rows
+from core.geometry.robust import robust_sigma
+from core.raster.dem import level_ground
 from sessions.checks import version_on_disk
 from sessions.products import Products, digest_of
 from sessions.session import Session
@@ -42,6 +46,16 @@ def test_the_table_has_a_row_for_every_vector__law(tiny_run: Tiny) -> None:
         heads, *told = csv.reader(file)
     assert heads == COLUMNS.split(",")
     assert [tuple(row) for row in told] == rows
+
+
+def test_level_ground_is_as_far_off_as_the_terrain_is_hilly__truth(tiny_run: Tiny) -> None:
+    with Session.open(tiny_run.folder, "ada") as session:
+        report = session.products.latest_value("adjustment")
+    ties = report.tie_positions[np.isfinite(report.tie_positions).all(axis=1)]
+    true = tiny_run.truth.heights_at(ties)
+    level = level_ground(float(np.mean(true)), tiny_run.reference.ortho.crs)
+    told = level_sigma_m(report, level)
+    assert told == pytest.approx(robust_sigma(true - np.mean(true)), rel=0.2)
 
 
 def test_the_report_has_every_likely_fault_worst_first__law(tiny_run: Tiny) -> None:

@@ -132,6 +132,17 @@ def test_ties_of_two_photos_that_agree_on_a_shift_are_a_place__truth(run):
     assert all(np.hypot(place.east - middle[0], place.north - middle[1]) < reach for place in found)
 
 
+@pytest.mark.parametrize(("above", "tell"), [(15.0, False), (90.0, True)])
+def test_ties_on_roofs_disagree_with_the_ground_and_not_with_each_other__law(run, above, tell):
+    _, _, errors = run
+
+    class Lower:
+        def heights(self, points):
+            return errors.heights.heights(points) - above
+
+    assert bool(tie_places(replace(errors, heights=Lower()))) == tell
+
+
 def test_the_list_is_one_with_what_is_surely_there_first__law(run):
     tiny, mosaic, errors = run
     fit = fit_of(run, np.random.default_rng(5), off=range(30, 36))
