@@ -157,8 +157,9 @@ def imported_formats() -> tuple[str, ...]:
 def add_check(verb: Parser) -> None:
     """Arguments of `check`."""
     verb.add_argument(
-        "what", choices=["plan", "rules"], metavar="plan|rules",
-        help="choose the places, or print the rules in force as a file to edit",
+        "what", choices=["plan", "rules", "neighbours"], metavar="plan|rules|neighbours",
+        help="choose the places, print the rules in force as a file to edit, or compare what the "
+        "blocks of a folder share",
     )  # fmt: skip
     add_block(verb)
     verb.add_argument(
@@ -404,12 +405,13 @@ VERBS = {
     ),
     "check": Verb(
         "check:check",
-        "plan places at which the mosaic is to be checked, print the rules it is judged by",
+        "plan places at which the mosaic is to be checked, print its rules, compare neighbours",
         {
             "gruber check plan kobyli-1938": "before its first run, when no result is known",
             "gruber check plan kobyli-1938 --cells 8x5 --seed 7": "another grid, other places",
             "gruber check plan kobyli-1938 --points survey.csv": "surveyed points instead",
             "gruber check rules kobyli-1938": "every limit, as a file for [block] rules",
+            "gruber check neighbours archive": "photos, points and ground that blocks share",
         },
         add_check,
     ),

@@ -14,6 +14,7 @@ from app.block_list import MOST_LISTED, block_told, blocks_in, was_made
 from app.block_toml import FILE, RASTERS
 from app.folder_scan import DEPTH, VECTORS, Findings, find, folders_of_scans, is_plain, with_named
 from app.margin import read_scan
+from app.neighbours import Archive
 from app.new_block import Recognition, recognise_files
 from app.placing import drawn_raw
 from app.project import Project, read_project
@@ -141,7 +142,8 @@ class Starting:
         self.status = self.running.status
         self.cancel_run = self.running.cancel
         self._looked: dict[tuple[Path, int, int], ScanFile | str] = {}
-        self._lock = threading.Lock()
+        self._lock, self._comparing = threading.Lock(), threading.Lock()
+        self._archive = Archive(self.folder)
         self._added: set[Path] = set()
         with suppress(OSError):
             clean_leftovers(self.folder)
@@ -180,6 +182,11 @@ class Starting:
                 "added": sorted({self._top(path) for path in self._added}),
                 **self._judged(form.project, scans, outlines),
             }  # fmt: skip
+
+    def neighbours(self) -> dict[str, Any]:
+        """What the blocks of this folder share."""
+        with self._comparing:
+            return dict(self._archive.figures())
 
     def judge(self, values: Mapping[str, Any], written: Fields = None) -> dict[str, Any]:
         """What is wrong and what is doubtful of the form as it stands, and what it makes again.

@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TextIO
@@ -85,6 +85,9 @@ class Terminal:
         """A sentence for the operator."""
         self.console.print(self.tell.again(text), markup=False)
 
+    def figures(self, name: str, figures: Mapping[str, object]) -> None:
+        """What sentences have told already is for machines."""
+
     def ended_early(self, why: str) -> None:
         """Tell why the rest of a block cannot be made."""
         self.say(why)
@@ -138,6 +141,10 @@ class JsonLines:
     def say(self, text: str) -> None:
         """A sentence for the operator."""
         self.write({"event": "message", "text": text})
+
+    def figures(self, name: str, figures: Mapping[str, object]) -> None:
+        """All figures of what was asked for."""
+        self.write({"event": "figures", "of": name, "figures": figures})
 
     def ended_early(self, why: str) -> None:
         """Tell why the rest of a block cannot be made."""

@@ -9,7 +9,7 @@ import time
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from urllib.parse import quote
 
 from core.formats.vectors import LAYER_MARK
@@ -198,9 +198,26 @@ def _stamp(path: Path) -> list[Any] | None:
     try:
         with path.open("rb") as file:
             found = os.fstat(file.fileno())
-            sample = hashlib.sha256(file.read(SAMPLE_BYTES))
-            file.seek(max(found.st_size - SAMPLE_BYTES, 0))
-            sample.update(file.read(SAMPLE_BYTES))
+            return [path.name, found.st_size, found.st_mtime_ns, _sample(file, found.st_size)]
     except OSError:
         return None
-    return [path.name, found.st_size, found.st_mtime_ns, sample.hexdigest()]
+
+
+def content_of(path: Path) -> tuple[int, str] | None:
+    """Bytes of a file and a digest of its first and last 64 KiB; None where it cannot be read.
+
+    Copies of one file have the same, whatever they are called and whenever they were made.
+    """
+    try:
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            return size, _sample(file, size)
+    except OSError:
+        return None
+
+
+def _sample(file: BinaryIO, size: int) -> str:
+    sample = hashlib.sha256(file.read(SAMPLE_BYTES))
+    file.seek(max(size - SAMPLE_BYTES, 0))
+    sample.update(file.read(SAMPLE_BYTES))
+    return sample.hexdigest()

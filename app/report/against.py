@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from core.errors import PhotogrammetryError
-from core.geometry.exterior import rotation_from_angles
+from core.geometry.exterior import rotation_from_angles, turn_between
 from core.said import say
 from ui.words.catalogue import Teller
 
@@ -202,11 +202,7 @@ def _movement(old: Figures, new: Figures) -> Figures:
     one, other = (
         rotation_from_angles(*(radians(angle) for angle in row["angles_deg"])) for row in (old, new)
     )
-    relative = one.T @ other
-    # The sine of small turns keeps the digits that the cosine of their trace loses.
-    axis = np.array([relative[2, 1] - relative[1, 2], relative[0, 2] - relative[2, 0],
-                     relative[1, 0] - relative[0, 1]])  # fmt: skip
-    turn = degrees(float(np.arctan2(np.linalg.norm(axis), np.trace(relative) - 1)))
+    turn = degrees(float(np.linalg.norm(turn_between(one, other))))
     centre, angles = (new["sigma_centre_m"], new["sigma_angles_deg"])
     off = [(b - a + 180) % 360 - 180
            for a, b in zip(old["angles_deg"], new["angles_deg"], strict=True)]  # fmt: skip

@@ -1,4 +1,4 @@
-"""A plan of places at which the mosaic is checked, and the rules it is judged by."""
+"""Places at which the mosaic is checked, rules it is judged by, and blocks beside one another."""
 
 import argparse
 import time
@@ -6,17 +6,22 @@ import time
 from app.check_plan import PlanWish, plan_checks
 from app.check_plan import told_lines as told_plan
 from app.job_rules import rules_lines
+from app.neighbours import archive_of
+from app.neighbours import told_lines as neighbour_lines
 from app.project import read_project
 from app.run import Run, RunOptions
-from app.terminal import Voice
+from app.terminal import Voice, interruptible
 from sessions.session import Session
 
 
 def check(given: argparse.Namespace, voice: Voice) -> None:
     """A plan of places to be checked; the block is run as far as it takes to know its ground.
 
-    Or the rules in force, as a file to edit.
+    Or the rules in force, as a file to edit, or the blocks of a folder compared with one another.
     """
+    if given.what == "neighbours":
+        compare_neighbours(given, voice)
+        return
     project = read_project(given.block)
     if given.what == "rules":
         for line in rules_lines(project.rules):
@@ -32,3 +37,15 @@ def check(given: argparse.Namespace, voice: Voice) -> None:
         voice.ended("check", title, time.monotonic() - began, "")
     for line in told_plan(made):
         voice.say(line)
+
+
+def compare_neighbours(given: argparse.Namespace, voice: Voice) -> None:
+    """What the blocks of a folder share, and whether it differs by more than is predicted."""
+    began, title = time.monotonic(), "Neighbouring blocks"
+    archive = archive_of(given.block)
+    with interruptible() as interruption:
+        figures = archive.figures(interruption.watching(voice.stage("neighbours", title)))
+    voice.ended("neighbours", title, time.monotonic() - began, str(given.block))
+    for line in neighbour_lines(figures):
+        voice.say(line)
+    voice.figures("neighbours", figures)

@@ -85,6 +85,14 @@ class Equations:
         rows = np.zeros((len(whitened), self.unknowns))
         return self._through(rows, point, whitened), whitened
 
+    def of_certificate(self, camera: int) -> Rows:
+        """The certified constants of a camera that is estimated, and its additional parameters."""
+        network = self.solution.network
+        first = SIZE * self.photos + network.lens * camera
+        rows = np.zeros((network.lens, self.unknowns))
+        rows[:, first : first + network.lens] = np.diag(network.priors.constant_weights[camera])
+        return rows
+
     def of_free_ray(
         self, photo: int, measurement: Measurement, position: Position
     ) -> tuple[Rows, Whitened]:

@@ -62,6 +62,17 @@ def angles_from_rotation(rotation: Rotation) -> tuple[float, float, float]:
     return omega, phi, kappa
 
 
+def turn_between(one: Rotation, other: Rotation) -> Position:
+    """Axis times angle (radians) from one rotation to another, about the axes of image space."""
+    relative = one.T @ other
+    # The sine of small turns keeps the digits that the cosine of their trace loses.
+    axis = np.array([relative[2, 1] - relative[1, 2], relative[0, 2] - relative[2, 0],
+                     relative[1, 0] - relative[0, 1]])  # fmt: skip
+    sine = float(np.linalg.norm(axis))
+    angle = float(np.arctan2(sine, np.trace(relative) - 1))
+    return axis * (angle / sine if sine > 0 else 1.0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SimilarityInSpace:
     """A small shift, turn and change of scale about a point of object space."""

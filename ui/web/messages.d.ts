@@ -631,6 +631,39 @@ interface Found {
   made: boolean;
   placeable: boolean;
 }
+/** One photo or point of two blocks, or the ground of both: the second less the first. */
+interface NeighbourRow {
+  kind: "photo" | "point" | "ground";
+  name: string;
+  /** Its name in the second block. */
+  other_name?: string;
+  length_m: number;
+  sigma_m: number | null;
+  ratio: number | null;
+  verdict: "agree" | "disagree" | "unknown";
+  shift_m: number[];
+  shift_sigma_m?: (number | null)[];
+  turn_deg?: number[];
+  turn_sigma_deg?: number[];
+  places?: number;
+}
+interface NeighbourPair {
+  one: string;
+  other: string;
+  why: Told;
+  told: number;
+  rows: NeighbourRow[];
+  /** Shared photos that one of both does not orient. */
+  one_sided: string[];
+  /** Whether both lie on one reference. */
+  same: boolean;
+}
+interface Neighbours {
+  level: number;
+  blocks: number;
+  pairs: NeighbourPair[];
+  left_out: { path: string; why: Told }[];
+}
 interface Upload {
   name: string;
   file: File;

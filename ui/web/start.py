@@ -25,6 +25,10 @@ class Starter(Runner, Protocol):
         """What the folder holds and lacks."""
         ...
 
+    def neighbours(self) -> dict[str, Any]:
+        """What the blocks of the folder share; many of them take a while."""
+        ...
+
     def judge(self, values: Mapping[str, Any], written: Fields) -> dict[str, Any]:
         """What is wrong with the form, of which a hand has written so many fields."""
         ...
@@ -64,6 +68,9 @@ def start_routes(starter: Starter) -> tuple[web.RouteDef, ...]:
     async def found(request: web.Request) -> web.StreamResponse:
         return await _aside(starter.found)
 
+    async def neighbours(request: web.Request) -> web.StreamResponse:
+        return await _aside(starter.neighbours)
+
     async def receive(request: web.Request) -> web.StreamResponse:
         operators_only(request)
         return await _received(request, starter.receive)
@@ -83,6 +90,7 @@ def start_routes(starter: Starter) -> tuple[web.RouteDef, ...]:
 
     return (
         web.get("/found", found),
+        web.get("/neighbours", neighbours),
         web.put("/files/{name:.+}", receive),
         web.post("/form/judge", _with_form(starter.judge)),
         web.post("/form", _with_form(starter.save)),

@@ -29,6 +29,7 @@ import {
 import { checksKey, checksState, openChecks, setUpChecks, showChecks } from "./checks.js";
 import { openPlaced, setUpPlaced } from "./placed.js";
 import { setUpPoints } from "./points.js";
+import { soughtPlace } from "./neighbours.js";
 import { setUpResults, tellResults } from "./results.js";
 import { setUpSettings } from "./run.js";
 import { nextTheme, setUpTheme } from "./theme.js";
@@ -46,7 +47,8 @@ import {
 } from "./wire.js";
 
 /**
- * @typedef {{ key: Key | null, filter: Filter, sort: Sort, reopened: boolean }} Seen
+ * @typedef {{ find?: (row: Row) => boolean, key?: any, filter?: Filter, sort?: Sort,
+ *   reopened?: boolean }} Seen
  *   where one was in the queue
  */
 
@@ -411,10 +413,11 @@ function keptPlace() {
 }
 
 /** @param {Seen} seen */
-function comeBack({ key, filter, sort, reopened }) {
+function comeBack({ find, key, filter, sort, reopened }) {
   if (reopened) tell({ text: "notice.reopened", values: {}, grave: false });
-  send({ kind: "sort", ...sort });
-  send({ kind: "filter", ...filter });
+  if (find) key = state.parts.rows?.find(find)?.slice(0, 2);
+  if (sort) send({ kind: "sort", ...sort });
+  if (filter) send({ kind: "filter", ...filter });
   if (key) send({ kind: "select", key });
 }
 
@@ -480,7 +483,7 @@ async function open() {
   document.body.classList.toggle("guest", start.guest);
   watchHand();
   window.gruberKey = listenToKeys(takeKey);
-  state.wanted = keptPlace();
+  state.wanted = soughtPlace() ?? keptPlace();
   connect(receive);
   if (start.looking) tell({ text: "notice.read-only", values: {}, grave: true });
   openScene();

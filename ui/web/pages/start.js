@@ -8,10 +8,11 @@ import { dropWritten, fillFields, formSeen, formShown, formValues, formWritten, 
 import { question } from "./asked.js";
 import { timeOf } from "./keys.js";
 import { drawMap, setUpFilm, showScans } from "./start_film.js";
+import { setUpNeighbours, showNeighbours } from "./neighbours.js";
 import { afterPause } from "./view.js";
 import { nextTheme, setUpTheme } from "./theme.js";
 
-const TABS = ["film", "map", "run"];
+const TABS = ["film", "map", "run", "neighbours"];
 const BROWSED = "gruber.browsed"; // the folder that was looked into last
 const ASKED = ["distance"]; // what is doubted of these is asked about before a run
 const state = {
@@ -57,6 +58,7 @@ function show() {
   renew(byId("files"), ...folderPart(found), ...dropPart(),
     element("div", { id: "holdings" }, ...holdings(found)));
   showGo(found.form);
+  first("[data-tab=neighbours]").hidden = found.blocks.filter((one) => one.run).length < 2;
 }
 
 /** @param {Found} found */
@@ -432,6 +434,7 @@ function choose(tab) {
     button.classList.toggle("on", button.dataset.tab === tab);
     button.setAttribute("aria-selected", `${button.dataset.tab === tab}`);
   }
+  if (tab === "neighbours") showNeighbours();
 }
 
 function listenToDrops() {
@@ -468,6 +471,7 @@ async function begin() {
     { role: "tab", "data-tab": name, onclick: () => choose(name) }, word(`start.${name}`))));
   choose("film");
   setUpFilm();
+  setUpNeighbours(open);
   await load();
   listenToDrops();
   window.gruber = { found: () => state.found, values: formValues, run: runNow, send, load };

@@ -1,0 +1,461 @@
+"""Neighbouring blocks of an archive compared: what several of them hold, and how far it differs.
+
+Only products and the ends of scans are read; no picture is opened. Nothing is written.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import combinations
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import shapely
+
+from app.block_list import blocks_in, was_made
+from app.project import Project, read_project, reference_sigmas_m
+from app.report.protocol_figures import json_value
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
+from core.adjustment.influence import influence_of
+from core.arrays import ObjectPoints
+from core.block import Block, footprint
+from core.errors import PhotogrammetryError
+from core.geometry.crs import degrees_of, operation_between, same_coordinates
+from core.mosaic.misfit_places import Misfit
+from core.progress import SILENT, Progress
+from core.quality.neighbours import (
+    LEVEL,
+    Comparison,
+    Difference,
+    MisfitParts,
+    Moved,
+    NeighbourBlock,
+    SharedGround,
+    SharedPhoto,
+    SharedPoint,
+    compare_misfits,
+    compare_photos,
+    compare_points,
+)
+from core.said import Said, say
+from sessions.products import Products, content_of
+from sessions.session import HIDDEN
+
+Figures = Mapping[str, Any]
+KEPT_BLOCKS = 6
+"""Blocks whose equations are held at once; a block meets few neighbours at a time."""
+NO_ADJUSTMENT = say("It is not adjusted yet, or by another version: run it.")
+NOWHERE = say("Nothing of it has a place on the Earth.")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownBlock:
+    """What is kept of every block of an archive."""
+
+    path: str
+    """As the list of blocks has it."""
+    project: Project
+    """Its settings."""
+    digests: tuple[str, str]
+    """Of its adjustment and of its misfit."""
+    crs: str
+    """Of its coordinates."""
+    scans: Mapping[str, tuple[Path, tuple[int, int]]]
+    """File and size in pixels by photo."""
+    outlines: Mapping[str, shapely.Polygon]
+    """Ground of every photo, longitude and latitude."""
+    points: frozenset[str]
+    """Points of the user."""
+
+    @property
+    def products(self) -> Products:
+        """Where its products lie."""
+        folder = self.project.folder
+        return Products(folder / HIDDEN / "products", folder)
+
+    @property
+    def references(self) -> frozenset[tuple[str, int]]:
+        """Name and size of each sheet of its reference."""
+        files = self.project.reference.ortho
+        return frozenset((path.name, path.stat().st_size) for path in files if path.is_file())
+
+
+@dataclass
+class Archive:
+    """A folder of blocks; what was read and compared is kept until a block changes."""
+
+    folder: Path
+    """The folder."""
+    _known: dict[str, tuple[object, KnownBlock | Said]] = field(default_factory=dict)
+    _compared: dict[object, Figures] = field(default_factory=dict)
+
+    def figures(self, progress: Progress = SILENT) -> Figures:
+        """Every pair of blocks that share a photo, a point or ground, the least likely first."""
+        listed = [str(one["path"]) for one in blocks_in(self.folder) if one["run"]]
+        blocks: list[KnownBlock] = []
+        left_out: list[Figures] = []
+        for number, path in enumerate(listed):
+            progress.report(number, 2 * len(listed), path)
+            known = self._read(path)
+            if isinstance(known, KnownBlock):
+                blocks.append(known)
+            else:
+                left_out.append({"path": path, "why": known})
+        near = neighbours_among(blocks)
+        rows: list[Figures] = []
+        for number, (one, other) in enumerate(near):
+            progress.report(len(near) + number, 2 * len(near), f"{one.path}, {other.path}")
+            key = one.path, other.path, one.digests, other.digests
+            if key not in self._compared:
+                self._compared[key] = _compared(one, other)
+            rows.append(self._compared[key])
+        # The next question may come hours later, or never.
+        for kept in (_report, _equations):
+            kept.cache_clear()
+        shared = [row for row in rows if row["rows"] or row["why"] or row["one_sided"]]
+        return {
+            "level": LEVEL,
+            "blocks": len(blocks),
+            "pairs": sorted(shared, key=_least_likely),
+            "left_out": left_out,
+        }
+
+    def _read(self, path: str) -> KnownBlock | Said:
+        """What is kept of one block, or why it is not compared."""
+        folder = self.folder / path
+        products = Products(folder / HIDDEN / "products", folder.resolve())
+        digests = products.latest_digest("adjustment"), products.latest_digest("misfit")
+        state = digests, _changed(folder)
+        if path in self._known and self._known[path][0] == state:
+            return self._known[path][1]
+        try:
+            found = _known_block(path, read_project(folder), products, digests)
+        except PhotogrammetryError as error:
+            found = error.told
+        self._known[path] = state, found
+        return found
+
+
+def _changed(folder: Path) -> int:
+    """When the settings of a block were written."""
+    return (folder / "block.toml").stat().st_mtime_ns
+
+
+def _known_block(
+    path: str, project: Project, products: Products, digests: tuple[str, str]
+) -> KnownBlock | Said:
+    report = products.latest_value("adjustment")
+    if not isinstance(report, AdjustmentReport):
+        return NO_ADJUSTMENT
+    block = report.block
+    outlines = {
+        name: outline for name, photo in block.photos.items()
+        if (outline := _in_degrees(footprint(photo, block.camera_of(name)), block.crs)) is not None
+    }  # fmt: skip
+    if not outlines:
+        return NOWHERE
+    points = frozenset(
+        name for name, one in block.surveyed.items() if one.source in ("surveyed", "hand")
+    )
+    scans = {name: (photo.scan, photo.size_px) for name, photo in block.photos.items()}
+    return KnownBlock(path, project, digests, block.crs, scans, outlines, points)
+
+
+def _in_degrees(outline: shapely.Polygon, crs: str) -> shapely.Polygon | None:
+    """An outline on the Earth; None where nobody knows its place."""
+    corners = degrees_of(crs, np.array(outline.exterior.coords))
+    return shapely.Polygon(corners) if np.isfinite(corners).all() else None
+
+
+def neighbours_among(blocks: Sequence[KnownBlock]) -> list[tuple[KnownBlock, KnownBlock]]:
+    """Pairs whose ground meets, or that hold a photo of one name and size, in their order.
+
+    A copy of a scan under another name is looked for on common ground only.
+    """
+    grounds = [shapely.union_all([*block.outlines.values()]) for block in blocks]
+    tree = shapely.STRtree(grounds)
+    pairs = {(one, other) for one, other in tree.query(grounds, "intersects").T.tolist()
+             if one < other}  # fmt: skip
+    holders: dict[tuple[str, tuple[int, int]], list[int]] = {}
+    for number, block in enumerate(blocks):
+        for name, (_, size) in block.scans.items():
+            holders.setdefault((name, size), []).append(number)
+    for numbers in holders.values():
+        pairs |= set(combinations(numbers, 2))
+    return [(blocks[one], blocks[other]) for one, other in sorted(pairs)]
+
+
+def shared_photos(one: KnownBlock, other: KnownBlock) -> dict[str, str]:
+    """Photos of both, by their name in the first: the same scan.
+
+    Scans are the same by their bytes and a digest of their ends; where one of both cannot be read,
+    by their name and size in pixels. Digests are only made where a scan of the other block has as
+    many bytes.
+    """
+    sizes = [_bytes_of(block.scans) for block in (one, other)]
+    common = set(sizes[0].values()) & set(sizes[1].values())
+    there = {
+        content_of(other.scans[name][0]): name
+        for name, size in sizes[1].items() if size in common
+    }  # fmt: skip
+    found: dict[str, str] = {}
+    for name, (path, pixels) in one.scans.items():
+        match = there.get(content_of(path)) if sizes[0].get(name) in common else None
+        unread = name not in sizes[0] or name not in sizes[1]
+        if match is None and unread and name in other.scans and other.scans[name][1] == pixels:
+            match = name
+        if match is not None:
+            found[name] = match
+    return found
+
+
+def _bytes_of(scans: Mapping[str, tuple[Path, tuple[int, int]]]) -> dict[str, int]:
+    """Bytes of the scans that are there."""
+    return {name: path.stat().st_size for name, (path, _) in scans.items() if path.is_file()}
+
+
+def _compared(one: KnownBlock, other: KnownBlock) -> Figures:
+    """Figures of one pair; `why` says why it could not be compared."""
+    named: dict[str, Any] = {"one": one.path, "other": other.path, "why": "", "told": 0}
+    blank = {"rows": [], "one_sided": [], "measurements": 0, "correlation": 0.0, "same": True}
+    try:
+        return {**named, **blank, **json_value(_pair_figures(one, other))}
+    except PhotogrammetryError as error:
+        return {**named, **blank, "why": error.told}
+
+
+def _pair_figures(one: KnownBlock, other: KnownBlock) -> dict[str, Any]:
+    photos = shared_photos(one, other)
+    same = one.references == other.references or bool(one.references & other.references)
+    common = bool(one.points & other.points)
+    if not photos and not common and not (one.digests[1] and other.digests[1]):
+        return {"same": same}
+    sigma = 0.0 if same else float(np.hypot(*(_reference_sigma_m(b) for b in (one, other))))
+    moved = _moved(one, other)
+    sides = [_equations(block) for block in (one, other)] if photos else []
+    found = compare_photos(*sides, photos, moved, sigma) if sides else Comparison()
+    reports = [_report(block) for block in (one, other)]
+    points = compare_points(*reports, moved, sigma)
+    ground = None if photos else _common_ground((one, other), moved, sigma)
+    whole = Comparison(found.photos, points, ground, found.measurements, found.correlation,
+                       found.one_sided)  # fmt: skip
+    rows = list(_rows(whole))
+    return {
+        "rows": rows,
+        "told": sum(row["verdict"] == "disagree" for row in rows),
+        "one_sided": list(whole.one_sided),
+        "measurements": whole.measurements,
+        "correlation": whole.correlation,
+        "same": same,
+    }
+
+
+def _rows(found: Comparison) -> Iterator[dict[str, Any]]:
+    """A row for each photo and point of both, and for their common ground."""
+    count = found.compared
+    for photo in found.photos:
+        yield _judged("photo", photo.photo_id, photo.difference, count) | _of_photo(photo)
+    for point in found.points:
+        yield _judged("point", point.point_id, point.difference, count) | _of_point(point)
+    if found.ground is not None:
+        yield _judged("ground", "", found.ground.difference, count) | _of_ground(found.ground)
+
+
+def _judged(kind: str, name: str, difference: Difference, compared: int) -> dict[str, Any]:
+    return {
+        "kind": kind,
+        "name": name,
+        "length_m": difference.length_m,
+        "sigma_m": difference.sigma_m,
+        "ratio": difference.ratio,
+        "chance": difference.chance,
+        "verdict": difference.verdict(compared),
+    }
+
+
+def _of_photo(photo: SharedPhoto) -> dict[str, Any]:
+    """Exterior orientation of the second block less that of the first."""
+    return {
+        "other_name": photo.other_id,
+        "ground_m": photo.ground_m.mean(axis=0),
+        "shift_m": photo.shift_m,
+        "shift_sigma_m": photo.shift_sigma_m,
+        "turn_deg": np.degrees(photo.turn),
+        "turn_sigma_deg": np.degrees(photo.turn_sigma),
+    }
+
+
+def _of_point(point: SharedPoint) -> dict[str, Any]:
+    return {
+        "roles": point.roles,
+        "shift_m": point.shift_m,
+        "shift_sigma_m": point.sigma_m,
+        "residuals_m": point.residuals_m,
+        "sigmas_m": point.sigmas_m,
+    }
+
+
+def _of_ground(ground: SharedGround) -> dict[str, Any]:
+    return {"shift_m": ground.shift_m, "rms_m": ground.rms_m, "places": ground.places}
+
+
+def _least_likely(pair: Figures) -> tuple[bool, bool, float, str, str]:
+    """Pairs that disagree first, then those that could not be compared."""
+    chances = [row["chance"] for row in pair["rows"] if row["chance"] is not None]
+    least = min(chances, default=1.0)
+    return not pair["told"], not pair["why"], least, pair["one"], pair["other"]
+
+
+@lru_cache(maxsize=KEPT_BLOCKS)
+def _report(block: KnownBlock) -> AdjustmentReport:
+    """The adjustment of a block.
+
+    Raises:
+        PhotogrammetryError: It is no longer there.
+    """
+    report = block.products.load_value("adjustment", block.digests[0])
+    if not isinstance(report, AdjustmentReport):
+        cause, remedy = "changed while blocks were compared.", "Compare again."
+        raise PhotogrammetryError(block.project.folder, cause, remedy)
+    return report
+
+
+@lru_cache(maxsize=KEPT_BLOCKS)
+def _equations(block: KnownBlock) -> NeighbourBlock:
+    report = _report(block)
+    # Heights of a DEM as observations are left out: what is predicted is then somewhat too large.
+    return NeighbourBlock(report, influence_of(report, report.options or AdjustmentOptions()))
+
+
+def _reference_sigma_m(block: KnownBlock) -> float:
+    """Standard deviation per axis of a block's reference, metres; 0 without one."""
+    return reference_sigmas_m(block.project)[0] if block.project.reference.ortho else 0.0
+
+
+def _moved(one: KnownBlock, other: KnownBlock) -> Moved | None:
+    """What brings the second block's coordinates into the CRS of the first; None for one CRS.
+
+    Raises:
+        CrsError: PROJ knows no way.
+    """
+    block: Block = _report(other).block
+    places = np.array([photo.exterior.centre[:2] for photo in block.photos.values()])
+    if same_coordinates(other.crs, one.crs, places):
+        return None
+    operation = operation_between(other.crs, one.crs, places, other.project.folder)
+
+    def moved(points: ObjectPoints) -> ObjectPoints:
+        return np.column_stack([operation.forward(points[:, :2]), points[:, 2]])
+
+    return moved
+
+
+def _common_ground(
+    blocks: tuple[KnownBlock, KnownBlock], moved: Moved | None, sigma_m: float
+) -> SharedGround | None:
+    """Both mosaics by their misfits; None where one was not compared with its reference."""
+    kept = [block.products.load_value("misfit", block.digests[1]) for block in blocks]
+    misfits = [cast("Misfit", one[1]) for one in kept if one is not None]
+    if len(misfits) < 2:
+        return None
+    parts = [
+        _misfit_parts(misfit, _reference_sigma_m(block), by)
+        for misfit, block, by in zip(misfits, blocks, (None, moved), strict=True)
+    ]
+    apart_m = min(_spacing_m(misfit) for misfit in misfits)
+    return compare_misfits(*parts, apart_m, sigma_m)
+
+
+def _misfit_parts(misfit: Misfit, reference_sigma_m: float, moved: Moved | None) -> MisfitParts:
+    """What is compared of a misfit: vectors that are right and whose photo was adjusted."""
+    vectors = misfit.vectors
+    sound = vectors.found & np.isfinite(vectors.predicted_sigmas_m).all(axis=1)
+    positions, shifts = vectors.positions[sound], vectors.shifts_m[sound]
+    if moved is not None:
+        ends = _in_plane(moved, positions + shifts)
+        positions = _in_plane(moved, positions)
+        shifts = ends - positions
+    own = vectors.predicted_sigmas_m[sound] ** 2 - reference_sigma_m**2
+    return MisfitParts(positions, shifts, np.maximum(own, 0.0))
+
+
+def _in_plane(moved: Moved, places: np.ndarray) -> np.ndarray:
+    return moved(np.column_stack([places, np.zeros(len(places))]))[:, :2]
+
+
+def _spacing_m(misfit: Misfit) -> float:
+    """Distance of the places that were tried, metres."""
+    places = misfit.vectors.positions
+    extent = np.ptp(places, axis=0) if len(places) else np.zeros(2)
+    return float(np.sqrt(extent.prod() / max(misfit.vectors.tried, 1)))
+
+
+def told_lines(figures: Figures) -> Iterable[str]:
+    """What was compared, in sentences; a line that begins with `!` needs attention."""
+    for left in figures["left_out"]:
+        yield say("! {block} is not compared. {why}", block=left["path"], why=left["why"])
+    for pair in figures["pairs"]:
+        yield from _pair_lines(pair)
+    pairs, told = len(figures["pairs"]), sum(pair["told"] > 0 for pair in figures["pairs"])
+    yield say(
+        "{blocks:# block|# blocks}, {pairs:# pair|# pairs} with something in common, "
+        "{told} told apart (a pair of sound blocks in {odds:.0f} is)",
+        blocks=figures["blocks"], pairs=pairs, told=told, odds=1 / figures["level"],
+    )  # fmt: skip
+
+
+def _pair_lines(pair: Figures) -> Iterator[str]:
+    one, other = pair["one"], pair["other"]
+    if pair["why"]:
+        yield say("! {one} and {other}: {why}", one=one, other=other, why=pair["why"])
+    counts = {kind: sum(row["kind"] == kind for row in pair["rows"]) for kind in ROW_TOLD}
+    known = [row for row in pair["rows"] if row["ratio"] is not None]
+    if known:
+        worst = max(known, key=lambda row: row["ratio"])
+        yield say(
+            DISAGREE if pair["told"] else AGREE,
+            one=one, other=other, photos=counts["photo"], points=counts["point"],
+            length=worst["length_m"], sigma=worst["sigma_m"],
+        )  # fmt: skip
+    elif pair["rows"]:
+        yield say("? {one} and {other}: nothing is predicted of what both hold", one=one,
+                  other=other)  # fmt: skip
+    for row in pair["rows"]:
+        if row["verdict"] == "disagree":
+            yield say(
+                ROW_TOLD[row["kind"]], name=row["name"],
+                length=row["length_m"], sigma=row["sigma_m"],
+            )  # fmt: skip
+    if pair["one_sided"]:
+        yield say(
+            "  only one of both orients {photos}", photos=pair["one_sided"]
+        )  # fmt: skip
+
+
+DISAGREE = (
+    "! {one} and {other} disagree: {photos:# photo|# photos}, {points:# point|# points} in both, "
+    "largest difference {length:.2f} m, {sigma:.2f} m predicted"
+)
+AGREE = (
+    "{one} and {other} agree: {photos:# photo|# photos}, {points:# point|# points} in both, "
+    "largest difference {length:.2f} m, {sigma:.2f} m predicted"
+)
+ROW_TOLD: Mapping[str, str] = {
+    "photo": "  photo {name}: its ground lies {length:.2f} m apart, {sigma:.2f} m predicted",
+    "point": "  point {name}: its places lie {length:.2f} m apart, {sigma:.2f} m predicted",
+    "ground": "  both mosaics: {length:.2f} m apart, {sigma:.2f} m predicted",
+}
+"""What disagrees, by kind of row."""
+
+
+def archive_of(folder: Path) -> Archive:
+    """The blocks below a folder.
+
+    Raises:
+        PhotogrammetryError: There are none.
+    """
+    if not any(was_made(folder / str(one["path"]), "control") for one in blocks_in(folder)):
+        remedy = "Name a folder with blocks in it that were run."
+        raise PhotogrammetryError(folder, "holds no block that was run.", remedy)
+    return Archive(folder)
