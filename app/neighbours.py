@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import combinations
+from math import hypot
 from pathlib import Path
 from typing import Any, cast
 
@@ -38,6 +39,7 @@ from core.quality.neighbours import (
     compare_photos,
     compare_points,
 )
+from core.quality.rules import release_limit_m
 from core.said import Said, say
 from sessions.products import Products, content_of
 from sessions.session import HIDDEN
@@ -231,16 +233,19 @@ def _pair_figures(one: KnownBlock, other: KnownBlock) -> dict[str, Any]:
     common = bool(one.points & other.points)
     if not photos and not common and not (one.digests[1] and other.digests[1]):
         return {"same": same}
-    sigma = 0.0 if same else float(np.hypot(*(_reference_sigma_m(b) for b in (one, other))))
+    sigma = 0.0 if same else hypot(_reference_sigma_m(one), _reference_sigma_m(other))
     moved = _moved(one, other)
-    sides = [_equations(block) for block in (one, other)] if photos else []
-    found = compare_photos(*sides, photos, moved, sigma) if sides else Comparison()
-    reports = [_report(block) for block in (one, other)]
-    points = compare_points(*reports, moved, sigma)
+    found = Comparison()
+    if photos:
+        found = compare_photos(_equations(one), _equations(other), photos, moved, sigma)
+    reports = _report(one), _report(other)
+    points = compare_points(reports[0], reports[1], moved, sigma)
     ground = None if photos else _common_ground((one, other), moved, sigma)
     whole = Comparison(found.photos, points, ground, found.measurements, found.correlation,
                        found.one_sided)  # fmt: skip
-    rows = list(_rows(whole))
+    limits = [release_limit_m(report.block, block.project.rules)
+              for report, block in zip(reports, (one, other), strict=True)]  # fmt: skip
+    rows = list(_rows(whole, min(limits)))
     return {
         "rows": rows,
         "told": sum(row["verdict"] == "disagree" for row in rows),
@@ -248,21 +253,24 @@ def _pair_figures(one: KnownBlock, other: KnownBlock) -> dict[str, Any]:
         "measurements": whole.measurements,
         "correlation": whole.correlation,
         "same": same,
+        "limit_m": min(limits),
     }
 
 
-def _rows(found: Comparison) -> Iterator[dict[str, Any]]:
+def _rows(found: Comparison, limit_m: float) -> Iterator[dict[str, Any]]:
     """A row for each photo and point of both, and for their common ground."""
-    count = found.compared
+    by = found.compared, limit_m
     for photo in found.photos:
-        yield _judged("photo", photo.photo_id, photo.difference, count) | _of_photo(photo)
+        yield _judged("photo", photo.photo_id, photo.difference, *by) | _of_photo(photo)
     for point in found.points:
-        yield _judged("point", point.point_id, point.difference, count) | _of_point(point)
+        yield _judged("point", point.point_id, point.difference, *by) | _of_point(point)
     if found.ground is not None:
-        yield _judged("ground", "", found.ground.difference, count) | _of_ground(found.ground)
+        yield _judged("ground", "", found.ground.difference, *by) | _of_ground(found.ground)
 
 
-def _judged(kind: str, name: str, difference: Difference, compared: int) -> dict[str, Any]:
+def _judged(
+    kind: str, name: str, difference: Difference, compared: int, limit_m: float
+) -> dict[str, Any]:
     return {
         "kind": kind,
         "name": name,
@@ -270,7 +278,7 @@ def _judged(kind: str, name: str, difference: Difference, compared: int) -> dict
         "sigma_m": difference.sigma_m,
         "ratio": difference.ratio,
         "chance": difference.chance,
-        "verdict": difference.verdict(compared),
+        "verdict": difference.verdict(compared, limit_m),
     }
 
 
@@ -355,16 +363,16 @@ def _common_ground(
     blocks: tuple[KnownBlock, KnownBlock], moved: Moved | None, sigma_m: float
 ) -> SharedGround | None:
     """Both mosaics by their misfits; None where one was not compared with its reference."""
-    kept = [block.products.load_value("misfit", block.digests[1]) for block in blocks]
-    misfits = [cast("Misfit", one[1]) for one in kept if one is not None]
-    if len(misfits) < 2:
+    here, there = (block.products.load_value("misfit", block.digests[1]) for block in blocks)
+    if here is None or there is None:
         return None
-    parts = [
-        _misfit_parts(misfit, _reference_sigma_m(block), by)
-        for misfit, block, by in zip(misfits, blocks, (None, moved), strict=True)
-    ]
-    apart_m = min(_spacing_m(misfit) for misfit in misfits)
-    return compare_misfits(*parts, apart_m, sigma_m)
+    one, other = cast("Misfit", here[1]), cast("Misfit", there[1])
+    return compare_misfits(
+        _misfit_parts(one, _reference_sigma_m(blocks[0]), None),
+        _misfit_parts(other, _reference_sigma_m(blocks[1]), moved),
+        min(_spacing_m(one), _spacing_m(other)),
+        sigma_m,
+    )
 
 
 def _misfit_parts(misfit: Misfit, reference_sigma_m: float, moved: Moved | None) -> MisfitParts:

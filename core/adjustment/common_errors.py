@@ -82,7 +82,7 @@ class CommonErrors:
             if name in self._numbers[0] and there in self._numbers[1]
         }  # fmt: skip
         rows = [(self._numbers[0][name], self._numbers[1][there]) for name, there in known.items()]
-        points = _same_points(one, other) if same_axes else (np.zeros(0, np.int64),) * 2
+        points = _same_points(one, other) if same_axes else _as_pairs([])
         self._rays = (_same_control(one, other, rows, points), _same_ties(one, other, rows))
         self._correlations = tuple(_correlation(one, other, pairs) for pairs in self._rays)
         self._points = points
@@ -179,7 +179,7 @@ def _same_points(one: Influence, other: Influence) -> Pairs:
     """Control points in use in both with the same coordinates, whatever they are called."""
     places = [_known_places(block) for block in (one, other)]
     if not all(len(rows) for rows, _ in places):
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+        return _as_pairs([])
     apart, nearest = KDTree(places[1][1]).query(places[0][1])
     same = np.asarray(apart) < SAME_PLACE_M
     return places[0][0][same], places[1][0][np.asarray(nearest)[same]]

@@ -24,7 +24,8 @@ from core.block import ground_of
 from core.geometry.crs import SAME_PLACE_M
 from core.geometry.exterior import turn_between
 
-Verdict = Literal["agree", "disagree", "unknown"]
+Verdict = Literal["agree", "differ", "disagree", "unknown"]
+"""differ: by more than is predicted, within what both blocks may be off."""
 Moved = Callable[[ObjectPoints], ObjectPoints]
 """Object points of the second block's CRS in that of the first."""
 # source: Baarda 1968.
@@ -69,11 +70,21 @@ class Difference:
         """Observed over predicted; about one between sound blocks."""
         return self.length_m / self.sigma_m if self.sigma_m > 0 else float("nan")
 
-    def verdict(self, compared: int) -> Verdict:
-        """What it says at `LEVEL`, where a pair of blocks is compared in so many ways."""
+    def verdict(self, compared: int, limit_m: float) -> Verdict:
+        """What it says at `LEVEL`.
+
+        What is significant and matters to nobody is not called a disagreement: small blocks predict
+        themselves somewhat too well.
+
+        Args:
+            compared: In so many ways the two blocks are compared.
+            limit_m: Position error up to which both are released, metres.
+        """
         if not isfinite(self.chance):
             return "unknown"
-        return "disagree" if self.chance < LEVEL / max(compared, 1) else "agree"
+        if self.chance >= LEVEL / max(compared, 1):
+            return "agree"
+        return "disagree" if self.length_m > limit_m else "differ"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -441,7 +452,9 @@ def compare_misfits(
     return SharedGround(difference, (float(mean[0]), float(mean[1])), rms, len(rows))
 
 
-def disagreements(found: Comparison) -> Sequence[SharedPhoto | SharedPoint | SharedGround]:
-    """What tells two blocks apart at `LEVEL`, photos first."""
+def disagreements(
+    found: Comparison, limit_m: float
+) -> Sequence[SharedPhoto | SharedPoint | SharedGround]:
+    """What tells two blocks apart, photos first; `limit_m` as in `Difference.verdict`."""
     count = found.compared
-    return [one for one in found.every if one.difference.verdict(count) == "disagree"]
+    return [one for one in found.every if one.difference.verdict(count, limit_m) == "disagree"]

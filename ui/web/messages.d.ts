@@ -640,7 +640,7 @@ interface NeighbourRow {
   length_m: number;
   sigma_m: number | null;
   ratio: number | null;
-  verdict: "agree" | "disagree" | "unknown";
+  verdict: "agree" | "differ" | "disagree" | "unknown";
   shift_m: number[];
   shift_sigma_m?: (number | null)[];
   turn_deg?: number[];

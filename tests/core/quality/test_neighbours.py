@@ -26,6 +26,8 @@ from tests.neighbouring import in_utm, part_of
 PLAIN = AdjustmentOptions(robust=False)
 PLAN = FlightPlan(photos_per_strip=5, ties=500, control=60, check=20)
 PAIRS = 16
+LIMIT_M = 1.0
+"""Of the position of either block."""
 
 
 def adjusted(block):
@@ -108,8 +110,8 @@ def test_a_copy_of_a_block_is_no_news__law(pair):
     assert len(found.photos) == 6
     for photo in found.photos:
         assert photo.difference.length_m == pytest.approx(0.0, abs=1e-9)
-        assert photo.difference.verdict(found.compared) == "agree"
-    assert not disagreements(found)
+        assert photo.difference.verdict(found.compared, LIMIT_M) == "agree"
+    assert not disagreements(found, LIMIT_M)
 
 
 def displaced(side, name, shift_m):
@@ -125,7 +127,7 @@ def displaced(side, name, shift_m):
 def test_a_photo_three_metres_off_is_told_and_no_other__truth(pair):
     one, other, names = pair
     found = compare_photos(one, displaced(other, "01_002", 3.0), names)
-    assert [photo.photo_id for photo in disagreements(found)] == ["01_002"]
+    assert [photo.photo_id for photo in disagreements(found, LIMIT_M)] == ["01_002"]
     worst = found.photos[0]
     assert worst.difference.length_m == pytest.approx(3.0, abs=1.0)
     assert worst.ground_m.mean(axis=0)[0] == pytest.approx(3.0, abs=1.0)
@@ -139,7 +141,7 @@ def test_references_that_are_off_against_each_other_are_allowed_for__truth(pair)
     same = compare_photos(one, moved, names).photos[0].difference
     apart = compare_photos(one, moved, names, reference_sigma_m=2.0)
     worst = next(photo for photo in apart.photos if photo.photo_id == "01_002")
-    assert not disagreements(apart)
+    assert not disagreements(apart, LIMIT_M)
     assert worst.difference.sigma_m == pytest.approx(np.hypot(same.sigma_m, np.sqrt(8.0)), rel=1e-6)
 
 
@@ -166,7 +168,7 @@ def test_a_block_in_another_crs_shows_the_same_ground__truth(pair):
         np.testing.assert_allclose(photo.turn, known.turn, atol=1e-4)
         # Control in other coordinates is not known to be the same.
         assert known.difference.sigma_m < photo.difference.sigma_m < 2 * known.difference.sigma_m
-    assert not disagreements(found)
+    assert not disagreements(found, LIMIT_M)
 
 
 def test_surveyed_points_differ_as_predicted__truth():
@@ -197,7 +199,7 @@ def test_control_that_both_take_over_is_common__truth(pair):
     for point in both:
         alone = np.hypot(*point.sigmas_m)
         assert (point.sigma_m < alone).all()
-        assert point.difference.verdict(len(both)) == "agree"
+        assert point.difference.verdict(len(both), LIMIT_M) == "agree"
     name = both[0].point_id
     positions = {
         **sides[1].surveyed_positions,
@@ -205,7 +207,7 @@ def test_control_that_both_take_over_is_common__truth(pair):
     }
     off = compare_points(sides[0], replace(sides[1], surveyed_positions=positions))
     assert off[0].point_id == name
-    assert off[0].difference.verdict(len(off)) == "disagree"
+    assert off[0].difference.verdict(len(off), LIMIT_M) == "disagree"
     assert off[0].residuals_m[1][0] == pytest.approx(both[0].residuals_m[1][0] + 3)
     far = {**positions, name: positions[name] + 100.0}
     left = compare_points(sides[0], replace(sides[1], surveyed_positions=far))
@@ -233,8 +235,8 @@ def test_mosaics_are_compared_by_their_misfits__truth():
     off = replace(mosaic(rng, (3.0, 0.0)), positions=one.positions)
     found = compare_misfits(one, off, 50.0)
     assert found.shift_m[0] == pytest.approx(3.0, abs=0.4)
-    assert found.difference.verdict(1) == "disagree"
-    assert compare_misfits(one, off, 50.0, 2.0).difference.verdict(1) == "agree"
+    assert found.difference.verdict(1, LIMIT_M) == "disagree"
+    assert compare_misfits(one, off, 50.0, 2.0).difference.verdict(1, LIMIT_M) == "agree"
     few = mosaic(rng, (0.0, 0.0), FEWEST_VECTORS - 1)
     assert compare_misfits(one, few, 50.0) is None
     assert compare_misfits(one, replace(off, positions=off.positions + 1e5), 50.0) is None
@@ -242,9 +244,10 @@ def test_mosaics_are_compared_by_their_misfits__truth():
 
 def test_what_is_not_predicted_is_not_judged__law():
     unknown = Difference(3.0, float("nan"), float("nan"))
-    assert unknown.verdict(1) == "unknown"
+    assert unknown.verdict(1, LIMIT_M) == "unknown"
     assert np.isnan(unknown.ratio)
     assert Comparison().compared == 0
+    assert Difference(0.8, 0.1, LEVEL / 2).verdict(1, LIMIT_M) == "differ"
     # The more is compared, the less likely one of it must be.
-    assert Difference(1.0, 0.3, LEVEL / 2).verdict(1) == "disagree"
-    assert Difference(1.0, 0.3, LEVEL / 2).verdict(3) == "agree"
+    assert Difference(1.1, 0.3, LEVEL / 2).verdict(1, LIMIT_M) == "disagree"
+    assert Difference(1.1, 0.3, LEVEL / 2).verdict(3, LIMIT_M) == "agree"

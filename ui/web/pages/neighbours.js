@@ -45,10 +45,13 @@ const head = () => element("thead", {}, element("tr", {},
 
 /** @param {NeighbourPair} pair */
 function pairPart({ one, other, rows, told, why, one_sided: sides, same }) {
-  const kinds = ["photo", "point"].map((kind) => rows.filter((row) => row.kind === kind).length);
+  const held = ["photo", "point"].flatMap((of) => {
+    const count = rows.filter(({ kind }) => kind === of).length;
+    return count ? [word(`neighbours.holds.${of}s`, { count })] : [];
+  });
   const notes = [
     ...why ? [again(why)] : [],
-    ...rows.length ? [word("neighbours.holds", { photos: kinds[0], points: kinds[1] })] : [],
+    ...held,
     ...same ? [] : [word("neighbours.references")],
     ...sides.length ? [word("neighbours.sides", { photos: sides.join(", ") })] : [],
   ];
@@ -62,7 +65,7 @@ function pairPart({ one, other, rows, told, why, one_sided: sides, same }) {
 function rowPart(row, paths) {
   const { kind, name, length_m: length, sigma_m: sigma, ratio, verdict } = row;
   const figure = (/** @type {number | null} */ value, digits = 2) =>
-    element("td", { class: "figure" }, value === null ? "\u2013" : number(value, digits));
+    element("td", { class: "value" }, value === null ? "\u2013" : number(value, digits));
   const goals = kind === "ground" ? [] : paths.map((path, side) => element("button", {
     class: "small", type: "button", disabled: start.guest, title: word("neighbours.go", { path }),
     onclick: () => go(path, kind, side ? row.other_name ?? name : name) }, path));
