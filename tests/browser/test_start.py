@@ -278,6 +278,29 @@ def test_a_folder_of_blocks_lacks_nothing_of_a_block__law(chromium, tiny_block, 
     context.close()
 
 
+def test_what_neighbours_share_is_compared_and_leads_to_the_photo__truth(
+    chromium, tiny_run, tmp_path
+):
+    for name in ("one", "other"):
+        shutil.copytree(tiny_run.folder, tmp_path / "many" / name)
+    photo = sorted(tiny_run.photos)[2]
+    with reviewing(tmp_path / "many") as url:
+        context = chromium.new_context(viewport={"width": 1366, "height": 768}, bypass_csp=True)
+        context.set_default_timeout(RUN_MS)
+        page = context.new_page()
+        page.goto(url)
+        page.click('[data-tab="neighbours"]')
+        page.wait_for_selector("#neighbours tr.agree")
+        assert "0 disagree" in page.inner_text("#neighbours")
+        row = page.locator(f"#neighbours tr.agree:has-text('{photo}')")
+        assert row.locator(".value").all_inner_texts()[0] == "0.00"
+        row.locator("button:has-text('other')").click()
+        page.wait_for_selector("#queue .row.current")
+        page.wait_for_function("p => window.gruber?.parts.point?.key[1] === p", arg=photo)
+        assert page.inner_text("#name") != "many"
+        context.close()
+
+
 def test_what_holds_a_run_back_is_named_at_the_foot_until_it_is_mended__truth(
     chromium, tiny_block, tmp_path
 ):

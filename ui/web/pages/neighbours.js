@@ -55,7 +55,7 @@ function pairPart({ one, other, rows, told, why, one_sided: sides, same }) {
     ...same ? [] : [word("neighbours.references")],
     ...sides.length ? [word("neighbours.sides", { photos: sides.join(", ") })] : [],
   ];
-  const title = element("tr", { class: told || why ? "pair bad" : "pair" },
+  const title = element("tr", { class: told || why ? "held bad" : "held" },
     element("th", { colspan: 6, scope: "rowgroup" }, `${one} \u2013 ${other}`,
       element("small", {}, notes.join(" \u00b7 "))));
   return element("tbody", {}, title, ...rows.map((row) => rowPart(row, [one, other])));
@@ -74,7 +74,7 @@ function rowPart(row, paths) {
       : word(`neighbours.${kind}`, { name })),
     figure(length), figure(sigma), figure(ratio, 1),
     element("td", {}, word(`neighbours.${verdict}`)),
-    element("td", {}, element("div", { class: "acts" }, ...goals)));
+    element("td", {}, element("div", { class: "goals" }, ...goals)));
 }
 
 /** Easting, northing, height and turns with their standard deviations. @param {NeighbourRow} row */
