@@ -157,9 +157,10 @@ def imported_formats() -> tuple[str, ...]:
 def add_check(verb: Parser) -> None:
     """Arguments of `check`."""
     verb.add_argument(
-        "what", choices=["plan", "rules", "neighbours"], metavar="plan|rules|neighbours",
-        help="choose the places, print the rules in force as a file to edit, or compare what the "
-        "blocks of a folder share",
+        "what", choices=["plan", "sheets", "rules", "neighbours"],
+        metavar="plan|sheets|rules|neighbours",
+        help="choose the places, draw a sample of the map sheets, print the rules in force as a "
+        "file to edit, or compare what the blocks of a folder share",
     )  # fmt: skip
     add_block(verb)
     verb.add_argument(
@@ -167,8 +168,8 @@ def add_check(verb: Parser) -> None:
         help="columns and rows of the grid, a place for each cell (enough for 30 places)",
     )  # fmt: skip
     verb.add_argument(
-        "--seed", type=whole_number(0), default=1, metavar="N",
-        help="decides between places that are shown equally well (%(default)s)",
+        "--seed", type=whole_number(0), default=None, metavar="N",
+        help="decides between places that are shown equally well (1), draws the sheets (at random)",
     )  # fmt: skip
     verb.add_argument(
         "--points", type=Path, default=None, metavar="FILE",
@@ -405,11 +406,13 @@ VERBS = {
     ),
     "check": Verb(
         "check:check",
-        "plan places at which the mosaic is to be checked, print its rules, compare neighbours",
+        "plan places at which the mosaic is to be checked, draw a sample of its sheets, print its "
+        "rules, compare neighbours",
         {
             "gruber check plan kobyli-1938": "before its first run, when no result is known",
             "gruber check plan kobyli-1938 --cells 8x5 --seed 7": "another grid, other places",
             "gruber check plan kobyli-1938 --points survey.csv": "surveyed points instead",
+            "gruber check sheets kobyli-1938": "a sample by which all map sheets are accepted",
             "gruber check rules kobyli-1938": "every limit, as a file for [block] rules",
             "gruber check neighbours archive": "photos, points and ground that blocks share",
         },

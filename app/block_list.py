@@ -20,6 +20,7 @@ from sessions.checks import (
 )
 from sessions.remarks import standing_faults
 from sessions.session import HIDDEN, RESULTS, Session
+from sessions.sheet_samples import sheets_on_disk
 
 MOST_LISTED = 500
 """Folders that are listed at once."""
@@ -71,8 +72,8 @@ def block_told(folder: Path) -> dict[str, Any]:
         if not standing_signatures(decisions, {}):
             return told
         report = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
-        version = version_on_disk(session.products)
-        now = {} if report is None else judged_parts(decisions, report, version, rules)
+        version, sheets = version_on_disk(session.products), sheets_on_disk(session.products)
+        now = {} if report is None else judged_parts(decisions, report, version, rules, sheets)
         told["signed"] = [
             [one.recorded.who, one.said.verdict, one.holds]
             for one in standing_signatures(decisions, now)

@@ -1,10 +1,11 @@
-"""What readings say of the mosaic, beside what the adjustment lets expect of them."""
+"""What readings say of the mosaic and its sheets, beside what the adjustment lets expect."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from jaxtyping import Float64
 
 from core.adjustment.adjusted import AdjustmentReport
@@ -22,14 +23,25 @@ from core.quality.readings import (
     reading_findings,
 )
 from core.quality.rules import Finding, release_limit_m
+from core.sheets.acceptance import DrawnSheet, JudgedLot, JudgedSheet, smallest_plan
+from core.sheets.map_sheets import MapSheet
 from sessions.checks import (
     StandingPlan,
     checked_figures,
+    plan_readings,
     readings_of,
     replaced_readings,
     standing_plans,
 )
-from sessions.decisions import Recorded
+from sessions.decisions import JudgeSheet, Recorded
+from sessions.remarks import standing_faults
+from sessions.sheet_samples import (
+    is_unchanged,
+    lot_digest,
+    sample_of,
+    standing_samples,
+    words_of_sheets,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,6 +129,86 @@ def figures_by(
             groups[group].append(reading)
     return {name: reading_figures(groups[name], len(groups[name])).together
             for name in sorted(groups)}  # fmt: skip
+
+
+def judged_lot(
+    decisions: Sequence[Recorded],
+    sheets: Sequence[MapSheet],
+    version: str,
+    limit_m: float,
+    *,
+    rules: JobRules = USUAL_RULES,
+    blind: bool = False,
+) -> JudgedLot | None:
+    """The sample of sheets that was drawn last, judged as all is now; None where none was drawn.
+
+    Args:
+        decisions: Everything recorded.
+        sheets: Map sheets of the block as they are now.
+        version: Of the mosaic.
+        limit_m: Position error on the ground up to which a sheet is good, metres.
+        rules: Limits of the job.
+        blind: Without readings, for an observer who still reads.
+    """
+    drawn = standing_samples(decisions)
+    if not drawn:
+        return None
+    sample = sample_of(drawn[-1])
+    said = {
+        name: one.decision.good
+        for name, one in words_of_sheets(decisions).items()
+        if isinstance(one.decision, JudgeSheet) and one.decision.version == version
+    }
+    earlier = {
+        sheet.name
+        for one in drawn[:-1]
+        if sample_of(one).lot == sample.lot
+        for sheet in sample_of(one).sheets
+    } - {sheet.name for sheet in sample.sheets}
+    evidence = _Evidence.of(decisions, "" if blind else version)
+    as_drawn = sample.lot == lot_digest(sheets) and is_unchanged(sample)
+    return JudgedLot(
+        sample.plan,
+        tuple(
+            JudgedSheet(one, *evidence.on(one), said.get(one.name), limit_m)
+            for one in sample.sheets
+        ),
+        not as_drawn or sample.plan != smallest_plan(sample.plan.lot, rules),
+        len(earlier & said.keys()),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Evidence:
+    """What was marked and read anywhere in a mosaic."""
+
+    faults: Sequence[tuple[float, float]]
+    """Places of open faults."""
+    readings: Sequence[tuple[tuple[float, float], Reading]]
+    """Readings of the newest plan with their places."""
+
+    @classmethod
+    def of(cls, decisions: Sequence[Recorded], version: str) -> "_Evidence":
+        """The evidence of one version of the mosaic."""
+        marked = [one.said.place for one in standing_faults(decisions) if one.is_open]
+        plans = standing_plans(decisions)[-1:]
+        where = {p.place_id: (p.east, p.north) for plan in plans for p in plan.plan.places}
+        read = [one for plan in plans for one in plan_readings(decisions, plan, version)]
+        return cls(
+            [place for place in marked if place is not None],
+            [(where[one.place_id], one) for one in read],
+        )
+
+    def on(self, sheet: DrawnSheet) -> tuple[int, PlanFigures]:
+        """How many faults are open on a sheet, and what readings on it say together."""
+        read = [one for place, one in self.readings if _shows(sheet, place)]
+        faults = sum(_shows(sheet, place) for place in self.faults)
+        return faults, reading_figures(read, len(read)).together
+
+
+def _shows(sheet: DrawnSheet, place: tuple[float, float]) -> bool:
+    """Whether a sheet shows a place; one on an edge is of both sheets."""
+    return bool(shapely.intersects_xy(sheet.area, *place))
 
 
 def _places_read(

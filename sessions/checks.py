@@ -16,6 +16,7 @@ from core.quality.check_plan import CheckPlace
 from core.quality.job_rules import USUAL_RULES, JobRules
 from core.quality.judged_rules import RULES
 from core.quality.readings import Reading, ReadingFigures, reading_figures
+from core.sheets.map_sheets import MapSheet
 from sessions.decisions import (
     PlanChecks,
     ReadCheck,
@@ -25,11 +26,10 @@ from sessions.decisions import (
     changing,
     standing,
 )
-from sessions.products import Products, digest_of
+from sessions.products import DIGEST_SIGNS, Products, digest_of
 from sessions.remarks import is_of_a_fault
+from sessions.sheet_samples import lot_digest, standing_samples, words_of_sheets
 
-DIGEST_SIGNS = 16
-"""So much of a digest tells plans apart."""
 VERSION = "mosaic-version"
 """Product that keeps the version of the mosaic with the same digest."""
 
@@ -49,8 +49,8 @@ class StandingPlan:
         return digest_of_plan(self.plan) == self.plan.digest
 
 
-PARTS = ("decisions", "adjustment", "mosaic", "readings", "rules")
-"""What a signature is about."""
+PARTS = ("decisions", "adjustment", "mosaic", "readings", "rules", "sheets")
+"""What a signature is about; of sheets only where a sample of them was drawn."""
 PLACE_DIGITS, ANGLE_DIGITS, SIGMA_DIGITS = 4, 9, 6
 """An adjustment that is the same to a tenth of a millimetre is the same."""
 
@@ -258,6 +258,7 @@ def judged_parts(
     report: AdjustmentReport,
     mosaic: str,
     rules: JobRules = USUAL_RULES,
+    sheets: Sequence[MapSheet] = (),
 ) -> Mapping[str, str]:
     """Digest of each part that a signature is about, as it is now.
 
@@ -266,6 +267,7 @@ def judged_parts(
         report: The adjustment.
         mosaic: Version of the mosaic; empty where there is none.
         rules: Limits of the job.
+        sheets: Map sheets of the block.
     """
     made = standing(changing(decisions))
     block = [item for item in made if not isinstance(item.decision, Withdraw)]
@@ -274,10 +276,14 @@ def judged_parts(
         for item in standing(decisions)
         if isinstance(item.decision, PlanChecks | ReadCheck) or is_of_a_fault(item.decision)
     ]
-    values = block, _orientation_of(report), mosaic, readings, (RULES, rules)
+    drawn = standing_samples(decisions)
+    sampled = [*drawn, *words_of_sheets(decisions).values()]
+    of_sheets = (lot_digest(sheets), sampled) if drawn else None
+    values = block, _orientation_of(report), mosaic, readings, (RULES, rules), of_sheets
     return {
         name: digest_of(name, value)[:DIGEST_SIGNS]
         for name, value in zip(PARTS, values, strict=True)
+        if value is not None
     }
 
 

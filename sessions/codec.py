@@ -72,6 +72,7 @@ from core.scans.film_area import FilmArea
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.judging import FiducialMeasurement
 from core.scans.stage import ScanSet
+from core.sheets.acceptance import DrawnSheet, SamplingPlan
 from core.sheets.delivery import Delivery, SheetFile
 from core.surface.ground import GroundProduct, SystematicPart
 from core.surface.stage import SurfaceFiles, SurfaceProduct
@@ -102,6 +103,7 @@ REGISTERED: tuple[type, ...] = (
     Delivery,
     Doubt,
     DrawnMask,
+    DrawnSheet,
     ExteriorOrientation,
     ExteriorPrior,
     ExteriorSigmas,
@@ -131,6 +133,7 @@ REGISTERED: tuple[type, ...] = (
     Recorded,
     ReferenceFeatures,
     ReferencePoints,
+    SamplingPlan,
     ScanFile,
     ScanOrientation,
     ScanSet,

@@ -9,6 +9,7 @@ from core.formats.listed_point import ListedPoint
 from core.mosaic.seam_edits import SeamArea, SeamEdit, SeamLine
 from core.quality.check_plan import CheckPlace
 from core.scans.judging import FiducialMeasurement
+from core.sheets.acceptance import DrawnSheet, SamplingPlan
 
 Reason = Literal["wrong object", "changed", "hidden", "blurred", "other"]
 """Why a measurement is rejected."""
@@ -284,6 +285,41 @@ class ReadCheck:
     """Why nothing could be read."""
 
 
+@dataclass(frozen=True, slots=True)
+class DrawSheets:
+    """A sample of the block's map sheets, drawn to be judged for all; a later one replaces it."""
+
+    plan: SamplingPlan
+    """How many were drawn of how many, and how many may be bad."""
+    sheets: tuple[DrawnSheet, ...]
+    """The sheets, in the order of their names."""
+    seed: int
+    """What they were drawn with."""
+    lot: str
+    """Digest of all sheets of the lot."""
+    digest: str
+    """Of all this: two samples are the same when it is."""
+
+    @property
+    def count(self) -> int:
+        """Sheets that were drawn."""
+        return len(self.sheets)
+
+
+@dataclass(frozen=True, slots=True)
+class JudgeSheet:
+    """A drawn sheet is good, or is not, as one saw it in the mosaic."""
+
+    sheet: str
+    """Its name."""
+    good: bool
+    """What is said."""
+    version: str
+    """Of the mosaic that was looked at."""
+    words: str = ""
+    """Why; empty where nothing is added."""
+
+
 Acceptance = Literal["accept", "accept-with-remarks", "reject"]
 """What a reviewer says of a whole block."""
 ACCEPTANCES: tuple[Acceptance, ...] = get_args(Acceptance)
@@ -349,7 +385,7 @@ ScanDecision = DrawMask | PlacePhoto
 """A decision about a whole scan: its mask, or where it lies."""
 SeamDecision = SeamEdit
 """A decision about the mosaic: a seam along a line, or the photo of a polygon."""
-JudgingDecision = PlanChecks | ReadCheck | SignBlock | Remark
+JudgingDecision = PlanChecks | ReadCheck | DrawSheets | JudgeSheet | SignBlock | Remark
 """A decision that judges the block and changes nothing of it."""
 Decision = (
     PhotoDecision | PointsDecision | JudgeTie | JudgePhoto | FiducialDecision | ScanDecision

@@ -21,6 +21,8 @@ COMPANIONS = (".tfw", ".jgw", ".pgw", ".wld", ".j2w", ".tifw", ".prj", ".dbf", "
 """Suffixes of files beside a file that change what it means."""
 SAMPLE_BYTES = 1 << 16
 """How much of the beginning and of the end of a file enters its digest."""
+DIGEST_SIGNS = 16
+"""So much of a digest tells plans and samples apart."""
 _MAGIC = b"gruber-product-1"
 _DIGEST_NAME = re.compile(r"^[0-9a-f]{64}(\.value)?$")
 _MANIFEST = "product.json"

@@ -28,10 +28,12 @@ from sessions.decisions import (
     ChoosePeak,
     Decision,
     DrawMask,
+    DrawSheets,
     FiducialDecision,
     FillMarks,
     JudgeFiducial,
     JudgePhoto,
+    JudgeSheet,
     JudgeTie,
     JudgingDecision,
     MarkDubious,
@@ -122,6 +124,8 @@ def replay(
                 | PlacePhoto()
                 | PlanChecks()
                 | ReadCheck()
+                | DrawSheets()
+                | JudgeSheet()
                 | SignBlock()
                 | Remark()
                 | SeamLine()

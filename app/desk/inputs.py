@@ -14,7 +14,7 @@ from app.bring_points import brought_points
 from app.desk.background import Adjust, Fill, Remake
 from app.desk.exporting import Standing, export_routes
 from app.desk.measuring import Errors, Filling, PhotoToPhoto
-from app.desk.mosaic import MosaicFile, sheet_routes
+from app.desk.mosaic import MosaicFile
 from app.mosaic import make_change, make_mosaic
 from app.orthos import make_orthos
 from app.placing import Placeable, standing_block
@@ -53,6 +53,7 @@ from core.scans.photo_mask import with_drawn
 from core.scans.stage import ScanSet, find_like
 from sessions.checks import version_on_disk
 from sessions.session import HIDDEN, Session
+from sessions.sheet_samples import sheets_on_disk
 from ui.review.compare import HeightSource, LikenessSource, drawn_from_block, made_with
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import (
@@ -175,6 +176,11 @@ class DeskInputs:
         """What the mosaic on disk was made of; empty where there is none."""
         return version_on_disk(self.session.products)
 
+    def with_products(self, desk: DeskSnapshot) -> DeskSnapshot:
+        """The same with the version of the mosaic, and the map sheets, as they are on disk now."""
+        sheets = sheets_on_disk(self.session.products)
+        return replace(desk, mosaic_version=self.mosaic_version(), sheets=sheets)
+
     def written_ms(self) -> int:
         """When the report on disk was written, milliseconds since 1970; 0 where there is none."""
         page = None if self.results is None else self.results / PAGE
@@ -217,6 +223,7 @@ def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
         ortho_sigma_m=desk.reference_sigma_m[0],
         ortho_pixel_m=desk.ortho.ground_sample_distance_m if desk.has_ortho else 0.0,
         mosaic_version=desk.mosaic_version(),
+        sheets=sheets_on_disk(desk.session.products),
         rules=desk.rules,
         exposed=desk.exposed,
     )
@@ -264,7 +271,7 @@ def desk_inputs(
         running=Running(project.file),
         doubts=(*(localised.doubts if localised else ()), *assembly.doubts),
         reference_sigma_m=(files.ortho_sigma_m, files.ortho_sigma_m, files.dem_sigma_m),
-        routes=(*export_routes(project, standing), *sheet_routes(project.file)),
+        routes=export_routes(project, standing),
         results=session.results,
         rules=project.rules,
         exposed=project.exposed,

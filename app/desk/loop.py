@@ -43,6 +43,7 @@ from sessions.decisions import (
     Accept,
     AddPoint,
     Decision,
+    DrawSheets,
     Place,
     PlaceFiducial,
     Recorded,
@@ -380,6 +381,8 @@ class ReviewLoop:
                 self._screen.tell(event.seat_id, Notice("notice.overtaken"))
                 return
             seat, decision = drafted, None
+        if isinstance(decision, DrawSheets):
+            self._now = self._inputs.with_products(self._now)
         if decisions := (*((decision,) if decision else ()), *event.more):
             self._record(decisions, seat)
         self._now = self._now.with_seat(seat)
@@ -428,9 +431,9 @@ class ReviewLoop:
 
     def _take_long_work(self, event: Making) -> None:
         match event:
-            case WrittenBeside():
+            case WrittenBeside(notice=notice):
                 self._show_made(self._inputs.on_disk(self._now.state))
-                self._screen.tell("", Notice("notice.written-beside"))
+                self._screen.tell("", notice)
             case RemakeStep() | FillStep():
                 self._take_step(event)
             case RemakeEnded():
@@ -461,7 +464,6 @@ class ReviewLoop:
     def _take_remake(self, ended: RemakeEnded) -> None:
         state = replace(self._now.state, remaking=None)
         if ended.failure or ended.cancelled:
-            # What was made until then is on disk.
             state = self._inputs.on_disk(state)
         else:
             state = with_made(self._inputs.files(state), ended.photo_ids, ended.made_with)
@@ -472,8 +474,7 @@ class ReviewLoop:
         """Show what is on disk now."""
         state = replace(state, mosaic=self._with_edits(state.mosaic, self._now.recorded))
         stale = stale_photos(state, self._inputs.stale_m)
-        version = self._inputs.mosaic_version()
-        self._now = replace(self._now, state=state, stale=stale, mosaic_version=version)
+        self._now = self._inputs.with_products(replace(self._now, state=state, stale=stale))
 
     def _seen_by(self, seat: Seat) -> DeskSnapshot:
         """The desk with what drafts of a seat add to it: the same values until one changes."""

@@ -1,7 +1,7 @@
 """Messages to the review loop, and the functions through which it sends pictures."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from core.adjustment.adjusted import AdjustmentReport
@@ -11,6 +11,7 @@ from sessions.decisions import (
     AddPoint,
     BringPoints,
     Decision,
+    DrawSheets,
     FillMarks,
     Place,
     PlaceFiducial,
@@ -47,7 +48,10 @@ class SceneOpened:
 
 @dataclass(frozen=True, slots=True)
 class WrittenBeside:
-    """Another process wrote the results of the block anew."""
+    """Something beside the loop wrote results of the block anew."""
+
+    notice: Notice = field(default_factory=lambda: Notice("notice.written-beside"))
+    """What to tell everybody."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +101,9 @@ class Measured:
 
     seat_id: str
     """Who asked."""
-    decision: AddPoint | BringPoints | Place | PlaceFiducial | PlacePhoto | PlanChecks | None
+    decision: (
+        AddPoint | BringPoints | DrawSheets | Place | PlaceFiducial | PlacePhoto | PlanChecks | None
+    )
     """To be recorded, but a place, which is a draft; None when nothing was found."""
     notice: Notice
     """What to tell the operator."""

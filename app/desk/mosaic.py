@@ -1,6 +1,7 @@
 """The mosaic at the desk: as it is, as it will be with the seams that stand, and its sheets."""
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -251,13 +252,25 @@ def _laid_over(colour: Colour, grid: Grid, patch: Colour, part: Grid) -> Colour:
     return result
 
 
-def sheet_routes(project_file: Path) -> tuple[web.RouteDef, ...]:
-    """`/sheets`: how far they are, for everybody; making and stopping them, for operators."""
+def sheet_routes(project_file: Path, made: Callable[[], None]) -> tuple[web.RouteDef, ...]:
+    """`/sheets`: how far they are, for everybody; making and stopping them, for operators.
+
+    Args:
+        project_file: The `block.toml`.
+        made: Called once they are on disk, from any thread.
+    """
     maker = SheetMaker(project_file)
 
     async def make(request: web.Request) -> web.StreamResponse:
         operators_only(request)
         loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(None, lambda: told(maker.make))
+
+        def work() -> dict[str, Any]:
+            said = maker.make()
+            if said:
+                made()
+            return said
+
+        return await loop.run_in_executor(None, lambda: told(work))
 
     return (*maker.job.routes("/sheets"), web.post("/sheets", make))

@@ -1,4 +1,4 @@
-"""A plan of the checks, drawn at the desk."""
+"""A plan of the checks, and a sample of the map sheets, drawn at the desk."""
 
 import asyncio
 from collections.abc import Callable
@@ -11,11 +11,12 @@ from aiohttp import web
 from app.check_plan import MadePlan, PlanWish, draw_plan
 from app.desk.messages import Measured
 from app.project import read_project
+from app.sheet_sample import draw_sample
 from core.errors import Cancelled, PhotogrammetryError
 from sessions.session import Session
 from ui.review.state import Notice
 from ui.web.front import as_json
-from ui.web.running import operators_only
+from ui.web.running import operators_only, told
 
 TOLD_EVERY_S = 0.25
 """So often a page is told how far its plan is, and it is noticed that nobody waits for it."""
@@ -71,6 +72,25 @@ def plan_route(folder: Path, hand_in: Callable[[Measured], None]) -> web.RouteDe
         return answer
 
     return web.post("/checks/plan", plan)
+
+
+def sample_route(folder: Path, hand_in: Callable[[Measured], None]) -> web.RouteDef:
+    """Draws a sample of the map sheets and hands the decision to the loop."""
+
+    async def draw(request: web.Request) -> web.StreamResponse:
+        operators_only(request)
+        seat = request.query.get("seat", "")
+
+        def drawn() -> dict[str, int]:
+            with Session.open(folder, "") as session:
+                sample = draw_sample(read_project(folder), session)
+            notice = Notice("notice.sampled", {"count": f"{sample.count}"})
+            hand_in(Measured(seat, sample, notice))
+            return {"sheets": sample.count}
+
+        return await asyncio.to_thread(told, drawn)
+
+    return web.post("/checks/sheets", draw)
 
 
 def _drawn(folder: Path, drawing: Drawing) -> MadePlan:

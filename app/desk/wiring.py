@@ -15,15 +15,25 @@ import numpy as np
 from aiohttp import web
 from jaxtyping import Float64
 
+from app.block_toml import FILE
 from app.desk.background import survived
 from app.desk.exporting import titles, upright_formats
 from app.desk.inputs import DeskInputs, first_state
 from app.desk.listed_points import DeskPoints, import_titles
 from app.desk.loop import ReviewLoop
 from app.desk.masks import mask_route
-from app.desk.messages import Event, Measured, SceneOpened, Screen, SeatLeft, SeatTaken
+from app.desk.messages import (
+    Event,
+    Measured,
+    SceneOpened,
+    Screen,
+    SeatLeft,
+    SeatTaken,
+    WrittenBeside,
+)
+from app.desk.mosaic import sheet_routes
 from app.desk.placing import DeskClicking
-from app.desk.planning import plan_route
+from app.desk.planning import plan_route, sample_route
 from app.running import Running
 from core.block import Block
 from core.geometry.crs import Bounds
@@ -130,10 +140,16 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     ground = None if isinstance(desk.dem, LevelGround) else desk.dem.heights
     points = DeskPoints(desk.block, desk.session.folder, inbox.put, ground)
     placing = _placing_routes(desk, tiles, inbox.put)
+
+    def sheets_made() -> None:
+        inbox.put(WrittenBeside(Notice("notice.sheets-made")))
+
     doors = FrontInputs(
         access, channel, tiles, upstream, start, desk.results, language=desk.language,
         routes=(leaving.route(), *point_routes(points), *placing,
-                mask_route(desk.initial), plan_route(desk.session.folder, inbox.put), *desk.routes),
+                mask_route(desk.initial), plan_route(desk.session.folder, inbox.put),
+                sample_route(desk.session.folder, inbox.put),
+                *sheet_routes(desk.session.folder / FILE, sheets_made), *desk.routes),
     )  # fmt: skip
     front = Front(doors, desk.host, desk.port)
     bounds = _block_bounds(desk, state.oriented)

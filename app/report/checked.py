@@ -21,6 +21,7 @@ from core.quality.readings import (
     Reading,
     ReadingFigures,
 )
+from core.sheets.map_sheets import MapSheet
 from sessions.checked import Checked, figures_by
 from sessions.checks import (
     StandingPlan,
@@ -55,6 +56,7 @@ def checked_part(
     seams: Sequence[Seam],
     bounds: Bounds,
     rules: JobRules = USUAL_RULES,
+    sheets: Sequence[MapSheet] = (),
 ) -> Figures:
     """Everything about checks that the report tells.
 
@@ -67,10 +69,11 @@ def checked_part(
         seams: Which photo, taken when, the mosaic shows where.
         bounds: Of the block's footprints, metres.
         rules: Limits of the job.
+        sheets: Map sheets of the block.
     """
     plans = standing_plans(decisions)
     read = plan_readings(decisions, plans[-1], version) if plans else ()
-    now = judged_parts(decisions, report, version, rules)
+    now = judged_parts(decisions, report, version, rules, sheets)
     return {
         "plans": [_plan(one, decisions, version) for one in plans],
         "figures": None if checked is None else _figures(checked.figures, rules),

@@ -14,9 +14,11 @@ from sessions.decisions import (
     AddPoint,
     BringPoints,
     Decision,
+    DrawSheets,
     FillMarks,
     JudgeFiducial,
     JudgePhoto,
+    JudgeSheet,
     JudgeTie,
     MarkDubious,
     MarkNotVisible,
@@ -39,6 +41,8 @@ from ui.words.catalogue import Teller
 Figures = dict[str, Any]
 USE, LEFT_OUT = "in use", "left out"
 """States of ties, photos and fiducials."""
+GOOD, BAD = "good", "bad"
+"""States of map sheets."""
 OPEN, CLOSED = "open", "closed"
 """States of faults."""
 STATE_TEXTS: Mapping[str, str] = {
@@ -47,6 +51,8 @@ STATE_TEXTS: Mapping[str, str] = {
     **{name: f"accepted.{name}" for name in ACCEPTANCES},
     USE: "detail.used",
     LEFT_OUT: "detail.left-out",
+    GOOD: "sheet.good",
+    BAD: "sheet.bad",
     OPEN: "fault.open",
     CLOSED: "fault.closed",
 }
@@ -62,6 +68,7 @@ COUNT_TEXTS: Mapping[str, str] = {
     "PlacePhoto": "detail.pairs",
     "BringPoints": "detail.points",
     "PlanChecks": "detail.places",
+    "DrawSheets": "detail.sheets",
 }
 """Text of what a decision holds several of."""
 KINDS = {
@@ -85,6 +92,8 @@ KINDS = {
     "SeamArea": "seams drawn",
     "PlanChecks": "checks planned",
     "ReadCheck": "checks read",
+    "DrawSheets": "samples drawn",
+    "JudgeSheet": "sheets judged",
     "SignBlock": "signatures",
     "Remark": "remarks",
 }
@@ -173,6 +182,8 @@ def state_after(decision: Decision) -> str:
             return role
         case SignBlock(verdict=verdict):
             return verdict
+        case JudgeSheet(good=good):
+            return GOOD if good else BAD
         case Remark(fault=fault, closes=closes) if fault or closes is not None:
             return CLOSED if closes else OPEN
         case _:
@@ -260,7 +271,7 @@ def _about(decision: Decision) -> str:
         case Remark(name=name):
             return name
         case _:
-            fields = ("point_id", "place_id", "photo_id", "camera", "subject", "name")
+            fields = ("point_id", "place_id", "photo_id", "camera", "subject", "sheet", "name")
             named = (getattr(decision, name, "") for name in fields)
             return " ".join(str(name) for name in named if name)
 
@@ -299,7 +310,7 @@ def _count(decision: Decision) -> int | None:
             return len(several)
         case BringPoints(points=several) | PlacePhoto(pairs=several):
             return len(several)
-        case PlanChecks():
+        case PlanChecks() | DrawSheets():
             return decision.count
         case _:
             return None
@@ -326,7 +337,7 @@ def _reason(decision: Decision) -> str:
 def _own_words(decision: Decision) -> list[str]:
     """What a decision says in words of its own."""
     said = decision.remark if isinstance(decision, SignBlock) else ""
-    said = decision.words if isinstance(decision, Remark) else said
+    said = decision.words if isinstance(decision, Remark | JudgeSheet) else said
     return [said] if said else []
 
 

@@ -54,14 +54,18 @@ from core.quality.rules import (
     human_doubts,
     judge_block,
     predicted_finding,
+    release_limit_m,
 )
 from core.quality.sun import sun_findings
 from core.raster.holes import Hole
 from core.raster.ortho import Ortho
+from core.sheets.acceptance import JudgedLot, lot_findings
 from core.sheets.delivery import Delivery, sheet_figures
-from sessions.checked import Checked, Predicted, checked_by_hand
+from sessions.checked import Checked, Predicted, checked_by_hand, judged_lot
 from sessions.decisions import Recorded
 from sessions.remarks import fault_findings, standing_faults
+from sessions.sheet_samples import sheets_of
+from ui.review.sheet_samples import lot_part
 from ui.words.catalogue import LANGUAGES
 
 
@@ -241,10 +245,12 @@ def _judged(
     predicted = Predicted(relative_m, _ortho_sigma_m(content), content.influence, content.seams)
     version = content.mosaic_version
     checked = checked_by_hand(report, content.decisions, version, predicted, rules=rules)
+    lot = lot_of(content)
     more = (
         *(() if checked is None else checked.findings),
         *misfit_findings(content.likely_faults),
         *fault_findings(standing_faults(content.decisions)),
+        *(() if lot is None else lot_findings(lot, rules)),
     )
     findings = tuple(sorted((*more, *findings), key=lambda one: -one.grave))
     return findings, None if release is None else release.with_findings(more), checked
@@ -265,9 +271,25 @@ def _checked_figures(
     decided, rules = (content.decisions, content.mosaic_version), content.rules
     judged = judge_rules(findings, rules)
     seams, bounds = content.seams, _bounds(footprints)
-    return checked_part(
-        content.report, *decided, checked, judged, seams=seams, bounds=bounds, rules=rules
+    told = checked_part(
+        content.report,
+        *decided,
+        checked,
+        judged,
+        seams=seams,
+        bounds=bounds,
+        rules=rules,
+        sheets=sheets_of(content.sheets),
     )
+    lot = lot_of(content)
+    return told | {"sheets": None if lot is None else lot_part(lot, *decided, rules)}
+
+
+def lot_of(content: ReportContent) -> JudgedLot | None:
+    """The sample of map sheets that was drawn last; None where none was drawn."""
+    limit, rules = release_limit_m(content.report.block, content.rules), content.rules
+    sheets = sheets_of(content.sheets)
+    return judged_lot(content.decisions, sheets, content.mosaic_version, limit, rules=rules)
 
 
 def _ortho_sigma_m(content: ReportContent) -> float:

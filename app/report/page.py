@@ -73,12 +73,12 @@ THUMBNAIL_PX = 1400
 LONGEST_TABLE = 300
 """Rows of a table on the page; the rest is in the JSON, and the page says so."""
 CHAPTERS = (
-    "verdict", "against", "doubts", "block", "accuracy", "readings", "residuals", "control",
-    "distribution", "ties", "exterior", "georeference", "interior", "cameras", "mosaic", "misfit",
-    "scans", "decisions", "provenance",
+    "verdict", "against", "doubts", "block", "accuracy", "readings", "samples", "residuals",
+    "control", "distribution", "ties", "exterior", "georeference", "interior", "cameras", "mosaic",
+    "misfit", "scans", "decisions", "provenance",
 )  # fmt: skip
-"""In the order of the page; that of an earlier state, of readings and of the mosaic where there are
-any."""
+"""In the order of the page; that of an earlier state, of readings, of sheets and of the mosaic
+where there are any."""
 
 Figures = dict[str, Any]
 
@@ -232,6 +232,7 @@ def _chapters(figures: Figures) -> list[str]:
     shown["misfit"] = bool(figures["misfit"] or figures["likely_faults"])
     shown["against"] = bool(figures["against"])
     shown["readings"] = bool(figures["checked"]["plans"])
+    shown["samples"] = bool(figures["checked"]["sheets"])
     return [name for name in CHAPTERS if shown.get(name, True)]
 
 

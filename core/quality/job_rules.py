@@ -9,12 +9,14 @@ from typing import Any
 
 # source: the authority of each rule: ASPRS Positional Accuracy Standards, edition 2 (2023); Czech
 # instruction for the renewal of cadastral maps; national specifications for aerial survey; the
-# practice of the Czech orthophoto (check points, two observers); and what Gruber itself promises.
-ASPRS, INSTRUCTION, SURVEY, ORTHOPHOTO, GRUBER = (
+# practice of the Czech orthophoto (check points, two observers); ISO 2859, to which ISO 19157
+# refers for samples of geographic data; and what Gruber itself promises.
+ASPRS, INSTRUCTION, SURVEY, ORTHOPHOTO, SAMPLING, GRUBER = (
     "asprs",
     "instruction",
     "survey",
     "orthophoto",
+    "sampling",
     "gruber",
 )
 AUTHORITIES: Mapping[str, str] = {
@@ -22,6 +24,7 @@ AUTHORITIES: Mapping[str, str] = {
     INSTRUCTION: "Czech instruction for the renewal of cadastral maps",
     SURVEY: "national specifications for aerial survey (Czech Republic, 2003 to 2011)",
     ORTHOPHOTO: "practice of the Czech orthophoto",
+    SAMPLING: "ISO 2859 (sampling by attributes), to which ISO 19157 refers",
     GRUBER: "Gruber",
 }
 """Who asks a limit, in words."""
@@ -49,6 +52,7 @@ def _limit(default: float, words: str, unit: str, span: tuple[float, float], sou
 
 PARTS, PERCENT = (1, 9), (0, 100)  # source: definition.
 TURN_DEG, SIGMAS, COUNTS = (0, 90), (0.01, 100), (0, 10_000)  # design: what makes sense.
+RISK = (0, 50)  # source: definition; beyond, a coin decides better.
 MOST_BASES, MOST_PER_MODEL = 1000, 100  # design: no rule asks for more.
 
 
@@ -161,6 +165,23 @@ class JobRules:
     sun_deg: float = _limit(
         30.0, "height of the sun above the horizon at least", "degrees", TURN_DEG, SURVEY
     )
+    # source: ISO 2859-1, preferred acceptance quality limit; of a hundred sheets four.
+    sheets_good_percent: float = _limit(
+        4.0, "bad sheets of a lot that is still to be accepted", "per cent", PERCENT, SAMPLING
+    )
+    # source: ISO 2859-2, preferred limiting quality: five times the former, so that a sample of
+    # some thirty sheets keeps both risks of any lot.
+    sheets_bad_percent: float = _limit(
+        20.0, "bad sheets from which a lot is to be rejected", "per cent", PERCENT, SAMPLING
+    )
+    # source: ISO 2859-1: a lot as good as asked for is accepted about 95 times in 100.
+    producer_risk_percent: float = _limit(
+        5.0, "lots to be accepted that a sample may reject", "per cent", RISK, SAMPLING
+    )
+    # source: ISO 2859-2: the consumer's risk is ten per cent as a rule.
+    consumer_risk_percent: float = _limit(
+        10.0, "lots to be rejected that a sample may accept", "per cent", RISK, SAMPLING
+    )
 
 
 LIMITS: Mapping[str, Limit] = {one.name: one.metadata["limit"] for one in fields(JobRules)}
@@ -173,6 +194,7 @@ IN_ORDER = (
     ("sigma_nought_high", "sigma_nought_most"),
     ("tilt_deg", "tilt_most_deg"),
     ("crab_deg", "crab_most_deg"),
+    ("sheets_good_percent", "sheets_bad_percent"),
 )
 """Limits of which the first may not be larger than the second."""
 

@@ -8,6 +8,7 @@ from core.quality.job_rules import (
     GRUBER,
     INSTRUCTION,
     ORTHOPHOTO,
+    SAMPLING,
     SURVEY,
     USUAL_RULES,
     JobRules,
@@ -126,9 +127,20 @@ RULES: tuple[Rule, ...] = (
     Rule("holes", ("no-holes", "holes"), SURVEY),
     Rule("misfit", ("misfit-places",), GRUBER),
     Rule("faults", ("faults", "faults-open"), GRUBER),
+    Rule(
+        "sheets",
+        ("sheets-accepted", "sheets-open", "sheets-rejected", "sheets-changed", "sheets-replaced"),
+        SAMPLING,
+        (
+            "sheets_good_percent",
+            "sheets_bad_percent",
+            "producer_risk_percent",
+            "consumer_risk_percent",
+        ),
+    ),
 )
 """In the order in which a reviewer reads them; one without findings does not concern the block."""
-OF_READINGS = frozenset({"read", "read-position", "shift", "second", "prediction"})
+OF_READINGS = frozenset({"read", "read-position", "shift", "second", "prediction", "sheets"})
 """Rules that tell of readings."""
 
 

@@ -97,6 +97,18 @@ SENTENCES = {
     "sun-low": "Photos taken with the sun below {limit}\u00b0, even at noon where only their date "
     "is known: {over}; the lowest {value}\u00b0 ({worst}).",
     "faults": "Faults marked in the mosaic: {count}, all closed.",
+    "sheets-accepted": "The lot of map sheets is accepted by its sample: {bad} of {sample} sheets "
+    "are bad, up to {accepted} may be (lot: {lot}). With {bad_percent} % bad sheets a lot would be "
+    "accepted {consumer} times in 100.",
+    "sheets-rejected": "The lot of map sheets is rejected by its sample: {bad} of {sample} sheets "
+    "are bad, more than {accepted} (lot: {lot}). With {good_percent} % bad sheets a lot would be "
+    "rejected {producer} times in 100.",
+    "sheets-open": "Sheets of the sample that nobody has judged yet: {open} of {sample}, bad so "
+    "far: {bad} (lot: {lot}).",
+    "sheets-changed": "The map sheets or the limits of the job have changed since the sample of "
+    "{sample} sheets was drawn: draw another.",
+    "sheets-replaced": "A newer sample of sheets took the place of one that was being judged; "
+    "sheets of it that were judged: {count}.",
     "faults-open": "Faults marked in the mosaic: {count}; still open: {open}.",
     "no-holes": "The mosaic has no holes inside it.",
     "holes": "Holes inside the mosaic: {count}, {area:,.0f} m² together; the largest "

@@ -4,11 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from shapely.geometry import box
 
 from core.adjustment.block_adjustment import adjust_block
 from core.block import Block
 from core.quality.check_plan import CheckPlace
 from core.quality.job_rules import USUAL_RULES
+from core.sheets.map_sheets import MapSheet
 from sessions.checks import (
     checked_figures,
     digest_of_plan,
@@ -21,6 +23,7 @@ from sessions.checks import (
 )
 from sessions.decisions import (
     Accept,
+    JudgeSheet,
     PlanChecks,
     ReadCheck,
     Recorded,
@@ -31,6 +34,7 @@ from sessions.decisions import (
 )
 from sessions.replay import replay
 from sessions.session import Session
+from sessions.sheet_samples import new_sample
 from tests.flights import FlightPlan, fly
 
 PLACES = (CheckPlace("01", 10.0, 20.0), CheckPlace("02", 30.0, 40.0, 0.04))
@@ -188,6 +192,21 @@ def test_a_signature_made_under_other_limits_is_outdated__law() -> None:
     signed = Recorded(1, "2026-01-02T12:00:00", "eva", SignBlock("accept", "", before))
     assert standing_signatures([signed], before)[0].holds
     assert standing_signatures([signed], after)[0].changed == ("rules",)
+
+
+def test_a_signature_is_of_the_sample_of_sheets_its_words_and_its_lot__law() -> None:
+    """Without a sample sheets are no part of it: signatures of earlier versions hold."""
+    sheets = tuple(MapSheet(f"S{n}", box(n, 0, n + 1, 1)) for n in range(9))
+    sample, word = new_sample(sheets, 3), JudgeSheet("S1", good=True, version="m1")
+    said = [Recorded(n, "t", "ada", one) for n, one in enumerate((sample, word), 1)]
+    assert judged_parts([], REPORT, "m1", sheets=sheets) == judged_parts([], REPORT, "m1")
+    one, both = (judged_parts(said[:n], REPORT, "m1", sheets=sheets) for n in (1, 2))
+    fewer = judged_parts(said, REPORT, "m1", sheets=sheets[1:])
+    none = judged_parts([], REPORT, "m1")
+    for before, after in ((none, one), (one, both), (both, fewer)):
+        assert [part for part in after if before.get(part) != after[part]] == ["sheets"]
+    signed = Recorded(9, "2026-01-02T12:00:00", "eva", SignBlock("accept", "", one))
+    assert standing_signatures([signed], both)[0].changed == ("sheets",)
 
 
 def test_a_signature_is_of_what_was_decided_and_not_of_its_number__law() -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pyogrio
 import pytest
 from pyogrio import raw
+from shapely.geometry import box
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block, Measurement
@@ -17,6 +18,7 @@ from core.formats.listed_point import ListedPoint
 from core.mosaic.seam_edits import SeamArea, SeamLine
 from core.quality.check_plan import CheckPlace
 from core.scans.judging import FiducialMeasurement
+from core.sheets.acceptance import DrawnSheet, SamplingPlan
 from sessions.codec import to_json
 from sessions.decisions import (
     DECISIONS,
@@ -26,9 +28,11 @@ from sessions.decisions import (
     ChoosePeak,
     Decision,
     DrawMask,
+    DrawSheets,
     FillMarks,
     JudgeFiducial,
     JudgePhoto,
+    JudgeSheet,
     JudgeTie,
     MarkDubious,
     MarkNotVisible,
@@ -78,6 +82,8 @@ EVERY: tuple[Decision, ...] = (
     PlaceFiducial("A", "3", 10.25, 2 / 3),
     PlanChecks((CheckPlace("1-01", 1.5, 2 / 3, 0.04),), (6, 5), 1, "", True, "abc"),
     ReadCheck("1-01", (1.5, 2 / 3), (1.25, 0.5), "abc"),
+    DrawSheets(SamplingPlan(9, 1, 0), (DrawnSheet("HUST25", box(0, 0, 2 / 3, 1)),), 7, "l", "abc"),
+    JudgeSheet("HUST25", good=False, version="abc", words="šmouha"),
     SignBlock("accept-with-remarks", "roh", {"mosaic": "abc"}),
     Remark("place", "", "tmavé", (1.5, 2 / 3), "tone", "eva", None),
     Withdraw(3),

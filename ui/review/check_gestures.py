@@ -34,6 +34,18 @@ class CheckRead:
 
 
 @dataclass(frozen=True, slots=True)
+class SheetJudged:
+    """A map sheet of the sample is good, or is not."""
+
+    seat_id: str
+    sheet: str
+    good: bool
+    words: str
+    version: int
+    """Of the mosaic in which it was seen, as the page was told."""
+
+
+@dataclass(frozen=True, slots=True)
 class BlockSigned:
     """A verdict on the whole block, in the name of who sits there."""
 
@@ -102,6 +114,19 @@ def reading_from_message(seat_id: str, message: Mapping[str, Any]) -> CheckRead:
     return CheckRead(seat_id, str(message["place"]), mosaic, reference, "", version)
 
 
+def sheet_from_message(seat_id: str, message: Mapping[str, Any]) -> SheetJudged:
+    """The gesture of a message.
+
+    Raises:
+        ValueError: It says neither good nor bad, or is a book.
+    """
+    good = message["good"]
+    if not isinstance(good, bool):
+        raise ValueError(good)
+    words, version = _words(message, "words"), int(message["version"])
+    return SheetJudged(seat_id, str(message["sheet"]), good, words, version)
+
+
 def _words(message: Mapping[str, Any], name: str) -> str:
     """A text in one line.
 
@@ -121,10 +146,11 @@ def _place(value: object) -> Place:
     return east, north
 
 
-Reviewed = CheckRead | BlockSigned | Remarked
+Reviewed = CheckRead | SheetJudged | BlockSigned | Remarked
 """A gesture that judges and changes nothing of the block."""
 REVIEWING: Mapping[str, Callable[[str, Mapping[str, Any]], Reviewed]] = {
     "check-read": reading_from_message,
+    "sheet-judged": sheet_from_message,
     "sign": signature_from_message,
     "remark": remark_from_message,
 }

@@ -30,10 +30,11 @@ from sessions.decisions import (
 )
 from sessions.products import digest_of
 from sessions.remarks import is_fault, standing_faults
-from ui.review.check_gestures import CheckRead, Remarked, Reviewed
+from ui.review.check_gestures import BlockSigned, CheckRead, Remarked, Reviewed, SheetJudged
 from ui.review.drafts import ASKING_SIGMA
 from ui.review.judgement import judge_desk
 from ui.review.mosaic import expected_sigma_m
+from ui.review.sheet_samples import decided_sheet
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Notice
 
@@ -55,13 +56,23 @@ def decided_judgement(
     gesture: Reviewed, desk: DeskSnapshot
 ) -> tuple[tuple[Decision, ...], Notice | None]:
     """The decision of a gesture, or what stands against it."""
-    if isinstance(gesture, CheckRead):
+    if isinstance(gesture, CheckRead | SheetJudged):
         shown = desk.state.mosaic
         if shown is not None and gesture.version != shown.version:
             return (), Notice("notice.check-renewed", grave=True)
+    if isinstance(gesture, SheetJudged):
+        return decided_sheet(gesture, desk)
+    if isinstance(gesture, CheckRead):
         return decided_reading(gesture, desk.recorded, desk.mosaic_version), None
     if isinstance(gesture, Remarked):
         return decided_remark(gesture.said, desk)
+    return _decided_signature(gesture, desk)
+
+
+def _decided_signature(
+    gesture: BlockSigned, desk: DeskSnapshot
+) -> tuple[tuple[SignBlock, ...], Notice | None]:
+    """The signature, where the block is as whoever signs has seen it."""
     if desk.state.adjusting:
         return (), Notice("notice.sign-wait")
     on_disk = desk.mosaic_version and desk.state.written and not desk.stale
@@ -352,7 +363,8 @@ def _chance(*names: str) -> np.random.Generator:
 
 def parts_now(desk: DeskSnapshot) -> Mapping[str, str]:
     """Digest of each part that a signature is about."""
-    return judged_parts(desk.recorded, desk.state.report, desk.mosaic_version, desk.rules)
+    report, version = desk.state.report, desk.mosaic_version
+    return judged_parts(desk.recorded, report, version, desk.rules, desk.sheets)
 
 
 def signatures_part(desk: DeskSnapshot, now: Mapping[str, str]) -> list[Part]:

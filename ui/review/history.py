@@ -14,9 +14,11 @@ from sessions.decisions import (
     BringPoints,
     Decision,
     DrawMask,
+    DrawSheets,
     FillMarks,
     JudgeFiducial,
     JudgePhoto,
+    JudgeSheet,
     JudgeTie,
     Kinds,
     PhotoDecision,
@@ -45,7 +47,7 @@ from ui.review.state import DeskState, Extra, Key, Notice, Seat
 SHEET_KINDS: Mapping[str, Kinds] = {
     "board": (JudgeFiducial, PlaceFiducial, FillMarks),
     "mask": (DrawMask,),
-    "mosaic": (SeamLine, SeamArea, Remark),
+    "mosaic": (SeamLine, SeamArea, Remark, JudgeSheet),
     "checks": (PlanChecks, ReadCheck),
 }
 """What undo takes back while a sheet lies over the desk: only what is decided there."""
@@ -108,6 +110,8 @@ def concerns(decision: Decision, key: Key, extra: Extra) -> bool:
             | FillMarks()
             | PlanChecks()
             | ReadCheck()
+            | DrawSheets()
+            | JudgeSheet()
             | SignBlock()
             | SeamLine()
             | SeamArea()
@@ -139,6 +143,8 @@ def key_of(decision: Decision, extra: Extra) -> Key | None:
             | FillMarks()
             | PlanChecks()
             | ReadCheck()
+            | DrawSheets()
+            | JudgeSheet()
             | SignBlock()
             | Remark()
             | SeamLine()
@@ -172,7 +178,7 @@ def subject_of(decision: Decision) -> str:
             return points[0].point_id + rest if points else ""
         case PlanChecks():
             return decision.number
-        case ReadCheck(place_id=name):
+        case ReadCheck(place_id=name) | JudgeSheet(sheet=name):
             return name
         case Remark(words=words):
             return words
@@ -270,6 +276,8 @@ def _undo_question(item: Recorded, recorded: Sequence[Recorded]) -> Notice | Non
         case PlanChecks():
             values = {"what": subject_of(item.decision), "count": f"{item.decision.count}"}
             return Notice("undo.ask.PlanChecks", values)
+        case DrawSheets():
+            return Notice("undo.ask.DrawSheets", {"count": f"{decision.count}"})
         case SignBlock():
             earlier = [
                 one.when
@@ -307,7 +315,8 @@ def turn_notice(act: str, decision: Decision, key: Key | None, count: int) -> No
     if count > 1:
         return Notice(f"notice.{act}.several", {"count": f"{count}"})
     about = " \u00b7 ".join(key) if key else subject_of(decision)
-    places = {"count": f"{decision.count}"} if isinstance(decision, PlanChecks) else {}
+    several = isinstance(decision, PlanChecks | DrawSheets)
+    places = {"count": f"{decision.count}"} if several else {}
     name = type(decision).__name__
     if isinstance(decision, Remark) and not decision.words:
         name += ".fault" if decision.fault else ".answer"

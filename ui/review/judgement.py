@@ -18,7 +18,8 @@ from core.quality.rules import (
     release_limit_m,
 )
 from core.quality.sun import sun_findings
-from sessions.checked import Predicted, checked_by_hand
+from core.sheets.acceptance import JudgedLot, lot_findings
+from sessions.checked import Predicted, checked_by_hand, judged_lot
 from sessions.remarks import fault_findings, standing_faults
 from ui.review.scene import EDGE_PARTS, Segments
 from ui.review.snapshot import DeskSnapshot
@@ -51,10 +52,12 @@ def judge_desk(desk: DeskSnapshot) -> BlockJudgement:
     relative_m = relative_sigma_m(report, influence)
     predicted = Predicted(relative_m, desk.ortho_sigma_m, influence, seams)
     checked = checked_by_hand(report, desk.recorded, desk.mosaic_version, predicted, rules=rules)
+    lot = lot_of_desk(desk)
     found = (
         *(() if checked is None else checked.findings),
         *(() if mosaic is None else misfit_findings(mosaic.misfit)),
         *fault_findings(standing_faults(desk.recorded)),
+        *(() if lot is None else lot_findings(lot, rules)),
         *sun_findings(report.block, desk.exposed, rules),
         *judge_block(measured, report, desk.state.holes, rules),
     )
@@ -67,6 +70,13 @@ def judge_desk(desk: DeskSnapshot) -> BlockJudgement:
         tuple(sorted(found, key=lambda one: -one.grave)),
         judge_rules((position, *found), rules),
     )
+
+
+def lot_of_desk(desk: DeskSnapshot, *, blind: bool = False) -> JudgedLot | None:
+    """The sample of sheets that was drawn last; `blind` without readings."""
+    limit = release_limit_m(desk.state.report.block, desk.rules)
+    known = desk.recorded, desk.sheets, desk.mosaic_version, limit
+    return judged_lot(*known, rules=desk.rules, blind=blind)
 
 
 def without_readings(judged: BlockJudgement) -> BlockJudgement:

@@ -20,7 +20,7 @@ from sessions.decisions import (
     Withdraw,
 )
 from ui.review import mosaic, sight
-from ui.review.check_gestures import BlockSigned, CheckRead, Remarked, Reviewed
+from ui.review.check_gestures import BlockSigned, CheckRead, Remarked, Reviewed, SheetJudged
 from ui.review.checking import decided_judgement
 from ui.review.compare import pixel_from_ground
 from ui.review.doubtful import verdict_on
@@ -123,7 +123,7 @@ def outcome_of(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Outcome:
             return _measure(gesture, seat, desk)
         case RoleSwitched():
             return _switch_role(gesture, seat, desk)
-        case TakenBack() | CheckRead() | BlockSigned() | Remarked():
+        case TakenBack() | CheckRead() | SheetJudged() | BlockSigned() | Remarked():
             return _record(gesture, seat, desk)
         case Aimed() | mosaic.MosaicPicked() | sight.Outlined():
             return _aim(gesture, seat, desk)

@@ -24,6 +24,7 @@ from ui.review.quality import quality_part
 from ui.review.queue import queue_row
 from ui.review.scene import ScenePicture, scene_picture
 from ui.review.second_reading import blind_keys, blinded, is_blind, without_places
+from ui.review.sheet_samples import sheets_part
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import SceneOptions, Seat
 
@@ -84,6 +85,7 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
     block, report, others = state.block, state.report, desk.others(seat.seat_id)
     people = tuple((other.current, other.operator) for other in others)
     adjusted = (block, report, state.before, state.extra, desk.drawn)
+    judged = desk.recorded, desk.mosaic_version, desk.sheets, seat.operator
     subject = seat.draft_of(seat.current) or seat.current
     trial = desk.trials.get(subject) if subject else None
     yield (
@@ -130,9 +132,7 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
                     desk.outlines,
                     desk.adjustments,
                     seat.pair,
-                    desk.recorded,
-                    desk.mosaic_version,
-                    seat.operator,
+                    *judged,
                 ),
                 lambda: seat_quality(seat, desk),
             ),
@@ -170,7 +170,8 @@ def _sheet_parts(
         )
     if seat.sheet == "mosaic":
         sources = (state.mosaic, desk.stale, desk.outlines, state.report, desk.recorded)
-        yield "mosaic", (sources, lambda: mosaic_part(desk))
+        of_sheets = desk.sheets, desk.mosaic_version, seat.operator
+        yield "mosaic", ((*sources, *of_sheets), lambda: seat_mosaic(seat, desk))
     if seat.sheet == "checks":
         shown = desk.mosaic_version, state.mosaic
         sources = (desk.recorded, seat.operator, *shown, state.block, state.evidence)
@@ -187,7 +188,14 @@ def seat_quality(seat: Seat, desk: DeskSnapshot) -> Part:
         judged = without_readings(judged)
     told = quality_part(judged, desk.state, desk.adjustments, seat.pair, rules=desk.rules)
     now = parts_now(desk)
+    told["sheets"] = sheets_part(desk, blind=reads)
     return {**told, "reads": reads, "signatures": signatures_part(desk, now), "judged": now}
+
+
+def seat_mosaic(seat: Seat, desk: DeskSnapshot) -> Part:
+    """The mosaic, with the sheets of it that are judged for all."""
+    blind = still_reads(desk, seat.operator)
+    return {**mosaic_part(desk), "sampled": sheets_part(desk, blind=blind)["sample"]}
 
 
 def seat_point(seat: Seat, desk: DeskSnapshot) -> Part:

@@ -23,6 +23,7 @@ LIMIT_TEXTS: Mapping[str, str] = {
     **dict.fromkeys(("tilt", "crab"), "rules.limit.degrees"),
     "sun": "rules.limit.least-degrees",
     "faults": "rules.limit.none-open",
+    "sheets": "rules.limit.sheets",
 }
 """Text of the limit, by rule."""
 VALUE_TEXTS: Mapping[str, str] = {
@@ -68,6 +69,10 @@ VALUE_TEXTS: Mapping[str, str] = {
     "holes": "rules.value.holes",
     "misfit-places": "rules.value.misfit",
     **dict.fromkeys(("faults", "faults-open"), "rules.value.open"),
+    **dict.fromkeys(
+        ("sheets-accepted", "sheets-open", "sheets-rejected", "sheets-changed", "sheets-replaced"),
+        "rules.value.sheets",
+    ),
 }  # fmt: skip
 """Text of what was found, by kind of finding."""
 JOB = "job"

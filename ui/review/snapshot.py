@@ -8,6 +8,7 @@ import numpy as np
 from core.block import Block
 from core.doubts import Doubt
 from core.quality.job_rules import USUAL_RULES, JobRules
+from core.sheets.map_sheets import MapSheet
 from sessions.decisions import Decision, Recorded
 from sessions.replay import replay
 from ui.review.compare import Drawn, HeightSource
@@ -60,6 +61,8 @@ class DeskSnapshot:
     """What the mosaic on disk was made of; empty where there is none."""
     rules: JobRules = USUAL_RULES
     """Limits by which the block is judged."""
+    sheets: tuple[MapSheet, ...] = ()
+    """Map sheets as they were cut last."""
     exposed: Mapping[str, str] = field(default_factory=dict[str, str])
     """When each photo was taken, as far as that is known."""
     adjustments: tuple[AdjustmentRecord, ...] = ()

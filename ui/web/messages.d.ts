@@ -215,6 +215,8 @@ interface Quality {
   };
   milestones: Milestone[];
   read: ReadFigures | null;
+  /** How many map sheets there are, and the sample that decides for all. */
+  sheets: { count: number; sample: Sample | null };
   /** The observer still reads, so that nothing of what readings say is told. */
   reads: boolean;
   rules: [rule: string, grave: number, word: string, values: Record<string, string>,
@@ -225,6 +227,27 @@ interface Quality {
   /** Digest of each part that a signature is about. */
   judged: Record<string, string>;
   compared: { pair: [number, number]; shifts: [photo: string, metres: number][] } | null;
+}
+
+/** A map sheet that was drawn, and why it is good or bad. */
+interface SampledSheet {
+  name: string; state: "good" | "bad" | "open"; faults: number; read: number; m_p: number | null;
+  interval: (number | null)[]; by_readings: string;
+  said: { id: number; who: string; when: string; good: boolean; words: string; outdated: boolean }
+    | null;
+  /** Easting and northing, metres. */
+  rings: Pair[][];
+}
+/** A sample of map sheets; shares of bad sheets and of accepted lots are per cent. */
+interface Sample {
+  when: string; who: string; seed: number; digest: string; unchanged: boolean; changed: boolean;
+  replaced: number; lot: number; drawn: number; accepted: number; bad: number; open: number;
+  /** Empty for an observer who still reads. */
+  state: string;
+  good_lot: [share: number, sheets: number, accepted: number];
+  bad_lot: [share: number, sheets: number, accepted: number];
+  curve: Pair[];
+  sheets: SampledSheet[];
 }
 
 /** How far long work is. */
@@ -374,6 +397,7 @@ interface Mosaic {
   misfits?: MisfitPlace[];
   /** Open ones first. */
   faults?: Fault[];
+  sampled?: Sample | null;
 }
 interface Fault {
   id: number;

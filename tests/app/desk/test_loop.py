@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from app.desk.loop import ReviewLoop
-from app.desk.messages import Measured, Screen, SeatLeft, SeatTaken
+from app.desk.messages import Measured, Screen, SeatLeft, SeatTaken, WrittenBeside
 from core.errors import Cancelled, StorageError
+from core.sheets.delivery import Delivery
 from sessions.decisions import (
     Accept,
     AddPoint,
@@ -23,6 +24,8 @@ from sessions.decisions import (
 )
 from sessions.replay import replay
 from sessions.session import Session
+from sessions.sheet_samples import new_sample, sheets_of
+from tests.app.test_sheet_sample import LOT
 from tests.ui.desk_block import adjust, desk_inputs, tiny_block, true_photos
 from ui.review.check_gestures import BlockSigned
 from ui.review.compare import made_with
@@ -641,5 +644,35 @@ def test_results_that_a_run_beside_the_desk_wrote_are_noticed__law(tmp_path: Any
         products.save_value("control", products.digest_of("other"), ())
         (results / "report.html").write_text("newer")
         assert desk.loop.beside.outdated.wait(10)
+    finally:
+        desk.close()
+
+
+def test_sheets_that_were_cut_are_there_to_be_drawn_from_and_another_lot_is_told__law(
+    tmp_path: Any,
+):
+    """Who made map sheets at the desk could draw none of them before it was opened again."""
+    desk = Opened(tmp_path)
+
+    def sheets() -> Any:
+        return desk.glass.parts["anna-1"]["quality"]["sheets"]
+
+    def cut(lot: Delivery, digest: str) -> None:
+        desk.session.products.save_value("sheets", digest * 64, lot)
+        desk.loop.submit(WrittenBeside(Notice("notice.sheets-made")))
+        desk.glass.until(lambda glass: sheets()["count"] == len(lot.sheets))
+
+    try:
+        desk.loop.submit(QualityAsked("anna-1", shown=True))
+        desk.glass.until(lambda glass: "quality" in glass.parts["anna-1"])
+        assert sheets() == {"count": 0, "sample": None}
+        cut(LOT, "0")
+        assert ("", "notice.sheets-made") in desk.glass.notices
+        sample = new_sample(sheets_of(LOT), 3)
+        desk.loop.submit(Measured("anna-1", sample, Notice("notice.sampled", {"count": "15"})))
+        desk.glass.until(lambda glass: sheets()["sample"])
+        assert sheets()["sample"]["state"] == "open"
+        cut(Delivery(LOT.files[1:], 0), "1")
+        assert sheets()["sample"]["state"] == "changed"
     finally:
         desk.close()

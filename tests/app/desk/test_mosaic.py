@@ -174,6 +174,10 @@ def test_what_is_seen_before_is_what_the_file_holds_after__law(tmp_path: Path) -
         assert again.path.stat().st_mtime_ns == stamp
 
 
+MADE: list[Path] = []
+"""Blocks whose sheets the loop was told of."""
+
+
 def asked(
     block: Path, address: str = "/sheets", guest: bool = False
 ) -> tuple[int, Mapping[str, Any], int]:
@@ -185,7 +189,8 @@ def asked(
         file = (await client.get(f"/results/{said['file']}")).status if "file" in said else 0
         return answer.status, said, file
 
-    routes = [*sheet_routes(block / "block.toml"), *result_routes(block / "results")]
+    made = sheet_routes(block / "block.toml", lambda: MADE.append(block))
+    routes = [*made, *result_routes(block / "results")]
     return visited(routes, visit, guest)
 
 
@@ -199,6 +204,7 @@ def test_sheets_of_a_block_are_one_button__truth(folder: Path) -> None:
     with_mosaic(folder)
     status, said, file = asked(folder)
     assert (status, file) == (200, 200)
+    assert MADE[-1] == folder
     assert said["said"]["values"] == {"count": 4, "files": 4, "made": 4}
     assert (folder / "results/sheets/HUST25.tif").is_file()
     assert asked(folder)[1]["said"]["values"]["made"] == 0
@@ -208,6 +214,7 @@ def test_guests_make_and_stop_none__truth(folder: Path) -> None:
     project_in(folder)
     assert asked(folder, guest=True)[0] == 403
     assert asked(folder, "/sheets/cancel", guest=True)[0] == 403
+    assert folder not in MADE
 
 
 @pytest.mark.parametrize("index", [True, False])

@@ -11,10 +11,12 @@ import pytest
 
 from app.desk import planning
 from app.desk.messages import Measured
-from app.desk.planning import plan_route
+from app.desk.planning import plan_route, sample_route
 from core.errors import Cancelled
-from sessions.decisions import PlanChecks
+from sessions.decisions import DrawSheets, PlanChecks
 from sessions.session import Session
+from sessions.sheet_samples import standing_samples
+from tests.app.test_sheet_sample import LOT
 from tests.tiny import Tiny
 from tests.ui.web.visits import visited
 
@@ -89,3 +91,32 @@ def test_guests_plan_nothing__law(tiny_block: Path) -> None:
 
     route = plan_route(tiny_block, lambda _: pytest.fail("handed in"))
     assert visited((route,), visit, guest=True) == 403
+
+
+def test_a_sample_of_sheets_goes_to_the_loop_or_says_why_not__law(
+    tiny_run: Tiny, tmp_path: Path
+) -> None:
+    folder = tmp_path / "block"
+    shutil.copytree(tiny_run.folder, folder)
+    handed: list[Measured] = []
+
+    def drawn(guest: bool) -> tuple[int, str]:
+        async def visit(client: Any) -> tuple[int, str]:
+            answer = await client.post("/checks/sheets?seat=seat-1")
+            return answer.status, await answer.text()
+
+        return visited((sample_route(folder, handed.append),), visit, guest=guest)
+
+    status, said = drawn(guest=False)
+    assert status == 409
+    assert "no map sheets yet" in said
+    with Session.open(folder, "ada") as session:
+        session.products.save_value("sheets", "0" * 64, LOT)
+    assert drawn(guest=True)[0] == 403
+    assert handed == []
+    assert drawn(guest=False) == (200, '{"sheets":15}')
+    (one,) = handed
+    assert one.seat_id == "seat-1"
+    assert isinstance(one.decision, DrawSheets)
+    with Session.open(folder, "reader") as session:
+        assert standing_samples(session.decisions()) == ()

@@ -13,8 +13,11 @@ from app.report.page import write_report
 from app.verbs.run import signed_lines
 from core.mosaic.seams import Seam
 from core.quality.check_plan import CheckPlace
+from core.sheets.delivery import Delivery
 from sessions.checks import judged_parts, new_plan
-from sessions.decisions import Decision, ReadCheck, Recorded, Remark, SignBlock
+from sessions.decisions import Decision, JudgeSheet, ReadCheck, Recorded, Remark, SignBlock
+from sessions.sheet_samples import new_sample, sheets_of
+from tests.sessions.test_sheet_samples import delivered
 from ui.words.catalogue import Teller
 
 BIAS, SCATTER, OBSERVER = np.array([0.2, -0.1]), 0.3, 0.1
@@ -181,3 +184,35 @@ def test_faults_and_remarks_stand_in_page_json_and_table__law(
     page = (tmp_path / "report.html").read_text()
     assert "church &lt;twice&gt;" in page
     assert "seam moved" in page
+
+
+def test_a_sample_of_sheets_is_told_with_its_risks_and_rejects_the_block__truth(
+    checked: ReportContent, tmp_path
+) -> None:
+    lot = Delivery(tuple(delivered(f"S{n:02d}", east=500.0 * n) for n in range(30)), 0)
+    sample = new_sample(sheets_of(lot), 3)
+    names = [one.name for one in sample.sheets]
+    words = [
+        JudgeSheet(name, good=n > 1, version=VERSION, words="a smear" * (n < 2))
+        for n, name in enumerate(names)
+    ]
+    said = [
+        Recorded(2000 + n, "2026-01-02T13:00:00", "eva", one)
+        for n, one in enumerate((sample, *words))
+    ]
+    found = replace(checked, decisions=[*checked.decisions, *said], sheets=lot)
+    assert gather(checked)["checked"]["sheets"] is None
+    told = gather(found)["checked"]
+    assert (told["sheets"]["state"], told["sheets"]["bad"]) == ("rejected", 2)
+    assert [row["kind"] for row in told["rules"] if row["rule"] == "sheets"] == ["sheets-rejected"]
+    assert told["signatures"][0]["changed"] == ["sheets"]
+    for language in ("en", "cs"):
+        tell = Teller(language)
+        html, _ = write_report(tmp_path, replace(found, language=language))
+        page = html.read_text(encoding="utf-8")
+        assert 'id="samples"' in page
+        table = page[page.index('id="sampled"') :].partition("</table>")[0]
+        assert all(name in table for name in names)
+        assert "a smear" in table
+        assert tell("samples.rejected", bad=2) in page
+        assert tell.number(told["sheets"]["bad_lot"][2], ".1f") in page

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from sessions.decisions import FAULT_KINDS, Remark
-from ui.review.check_gestures import BlockSigned, CheckRead, Remarked
+from ui.review.check_gestures import BlockSigned, CheckRead, Remarked, SheetJudged
 from ui.review.gestures import gesture_from_message
 
 READ = {"kind": "check-read", "place": "1-01", "mosaic": [10.5, 20], "reference": [10, 20.25],
@@ -77,3 +77,16 @@ def test_the_page_offers_every_kind_of_fault__law() -> None:
     offered = re.search(r"KINDS = (\[.*\]);", page)
     assert offered is not None
     assert tuple(json.loads(offered[1])) == FAULT_KINDS
+
+
+def test_a_word_about_a_sheet_is_good_or_bad__law() -> None:
+    says = {
+        "kind": "sheet-judged",
+        "sheet": "S1",
+        "good": False,
+        "words": " a  smear",
+        "version": 7,
+    }
+    assert gesture_from_message("s", says) == SheetJudged("s", "S1", False, "a smear", 7)
+    for wrong in ({"good": None}, {"good": "yes"}, {"version": "?"}, {"words": "x" * 9999}):
+        assert gesture_from_message("s", {**says, **wrong}) is None

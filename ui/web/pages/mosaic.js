@@ -7,6 +7,7 @@ import { chooseFault, drawFaults, showThread } from "./faults.js";
 import {
   CHOSEN, drawBorders, drawHoles, drawMisfits, drawSeams, photoAt,
 } from "./mosaic_marks.js";
+import { drawSheets, sheetKey, sheetState, wantedBounds } from "./mosaic_sheets.js";
 import { mosaicSide } from "./mosaic_side.js";
 import { cleared, crosshair, halo, line, scaleBar } from "./overlay.js";
 import {
@@ -169,7 +170,7 @@ function head() {
     element("span", { class: "segments", role: "group", "aria-label": word("mode.tip") }, ...modes),
     share, element("span", { class: "segments" }, ...switches), swap,
     element("span", { class: "stretch" }),
-    element("button", { onclick: fit }, word("act.fit"), element("kbd", {}, "F")),
+    element("button", { onclick: () => fit() }, word("act.fit"), element("kbd", {}, "F")),
     element("button", { id: "mosaic-close", onclick: () => byId("mosaic").close() },
       word("act.close")));
 }
@@ -230,6 +231,8 @@ export function showMosaic(found) {
   // The picture takes the keys, so that Space blinks and no button is pressed.
   if (found.version && opened) state.panes[1].room.focus({ preventScroll: true });
   if (found.version && wanted) ask(wanted);
+  const bounds = wantedBounds(found);
+  if (found.version && bounds) fit(bounds);
   Object.assign(state, { wanted: null, opened: opened && !found.version });
   refresh();
 }
@@ -250,8 +253,8 @@ export function showPicked(told) {
 function refresh() {
   const { found, picked, status } = state;
   if (!found?.version) return;
-  const parts = mosaicSide(found, picked, status, { goTo, remake, leave, ask, refresh });
-  renew(first("aside", byId("mosaic")), ...parts);
+  const acts = { goTo, remake, leave, ask, refresh, frame: fit };
+  renew(first("aside", byId("mosaic")), ...mosaicSide(found, picked, status, acts));
   redraw();
 }
 
@@ -274,8 +277,9 @@ function ask(ground, photo = "") {
   pick(layerFromGround(ground), photo);
 }
 
-function fit() {
-  const [west, south, east, north] = state.found?.bounds ?? [];
+/** @param {number[]} bounds west, south, east, north; the whole mosaic where left out */
+function fit(bounds = state.found?.bounds ?? []) {
+  const [west, south, east, north] = bounds;
   const pane = state.panes.find(({ room: { offsetParent } }) => offsetParent) ?? state.panes[0];
   const [width, height] = pane.size;
   state.view.fit(layerFromGround([west, north]), layerFromGround([east, south]),
@@ -385,6 +389,7 @@ function drawMarks(pane, found) {
   const chosen = picked?.photo ?? "";
   if (look.borders) drawBorders(context, found, onScreen, chosen);
   const named = look.seams ? drawSeams(context, found, onScreen, chosen) : [];
+  drawSheets(context, found, onScreen);
   drawHoles(context, found, onScreen, view.scale);
   drawMisfits(context, found, onScreen, named, picked);
   drawFaults(context, found, onScreen);
@@ -424,7 +429,7 @@ function move([right, down], px) {
 
 /** @type {Record<string, () => void>} */
 const ACTS = {
-  KeyF: fit, Enter: () => pick(state.cursor ?? [state.view.x, state.view.y]),
+  KeyF: () => fit(), Enter: () => pick(state.cursor ?? [state.view.x, state.view.y]),
   ...Object.fromEntries(MODES.map((mode, index) => [`Digit${index + 1}`, () => setMode(mode)])),
   ...Object.fromEntries(SWITCHES.map(([name, key]) => [`Key${key}`, () => toggle(name)])),
 };
@@ -459,6 +464,7 @@ export function mosaicKey(event, letter) {
     redraw();
     return true;
   }
+  if (!event.repeat && sheetKey(letter)) return true;
   const acts = ACTS[letter];
   if (acts && !event.repeat) acts();
   if (letter === "KeyU" && !event.repeat) undoOrRedo(event);
@@ -469,5 +475,6 @@ export const mosaicState = () => {
   const { found, picked, look, view, cursor, drawn, panes } = state;
   const [pane] = panes.slice(look.mode === "side" ? 1 : 0);
   const toScreen = (/** @type {Pair} */ ground) => pane.screenFromLayer(layerFromGround(ground));
-  return { found, picked, look, view, cursor, drawn, toScreen, edit: editState() };
+  const told = { edit: editState(), sheet: sheetState() };
+  return { found, picked, look, view, cursor, drawn, toScreen, ...told };
 };

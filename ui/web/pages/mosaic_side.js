@@ -2,6 +2,7 @@
 import { faultList, markFault } from "./faults.js";
 import { editSide, editTools } from "./mosaic_edit.js";
 import { isAt } from "./mosaic_marks.js";
+import { sheetSide } from "./mosaic_sheets.js";
 import { element, number, shortName, shortPoint, squareMetres, start, word } from "./words.js";
 import { send } from "./wire.js";
 
@@ -18,6 +19,7 @@ const state = {
  * @property {(part: string) => void} leave
  * @property {(ground: Pair, photo?: string) => void} ask goes to a place and asks about it
  * @property {() => void} refresh
+ * @property {(bounds: number[]) => void} frame lays the view round west, south, east, north
  */
 
 /**
@@ -31,7 +33,8 @@ export function mosaicSide(found, picked, status, acts) {
       pixel: number(found.pixel, 2, "m"), area: number((found.area ?? 0) / 1e6, 2),
       count: found.seams?.length ?? 0, when: found.written ?? "",
     })),
-    ...stale(found, status, acts), ...misfits(found, picked, acts), ...place(picked, acts),
+    ...stale(found, status, acts), ...sheetSide(found, acts), ...misfits(found, picked, acts),
+    ...place(picked, acts),
     ...markFault(picked), ...behind(picked), ...faultList(found, acts.ask, acts.refresh),
     ...editSide(found),
     ...holes(found, acts),

@@ -9,6 +9,7 @@ import { showAllParts } from "./layout.js";
 import { mosaicButton, openMosaic } from "./mosaic.js";
 import { lets } from "./queue.js";
 import { fewer, keptOut } from "./status.js";
+import { samples } from "./samples.js";
 import { findingSaid, readings, ruled, signing } from "./sign.js";
 import { send } from "./wire.js";
 
@@ -51,10 +52,8 @@ export function showQuality(found) {
   state.shown = shape;
   const kept = sheet.querySelector(".sheet")?.scrollTop ?? 0;
   const rules = () => ruled(found, (kind, values) => lookFor(found, kind, values));
-  const makes = [
-    verdict, readings, signing, maps, rules, flight, photos, overlaps, adjustments,
-  ];
-  const parts = makes.map((make) => make(found));
+  const parts = [verdict, readings, samples, signing, maps, rules, flight, photos, overlaps,
+    adjustments].map((make) => make(found));
   renew(sheet, head(found), element("div", { class: "sheet" }, ...parts));
   first(".sheet", sheet).scrollTop = kept;
 }
@@ -134,8 +133,8 @@ function ties3d(rays) {
 }
 
 const toPart = (/** @type {string} */ name) => () => scrollTo(`[data-part=${name}]`);
-const [toControl, toRays, toOverlaps, toPhotos] =
-  ["control", "rays", "overlaps", "photos"].map(toPart);
+const [toControl, toRays, toOverlaps, toPhotos, toSamples] =
+  ["control", "rays", "overlaps", "photos", "samples"].map(toPart);
 const toReadings = () => {
   byId("quality").close();
   openChecks(undefined);
@@ -168,7 +167,8 @@ const LEADS = {
   "class-large": toPhotos,
   "no-checks": toReadings, "read-few": toReadings, "read-replaced": toReadings,
   "read-over": toReadings, "read-shifted": toReadings, "read-worse": toReadings,
-  "second-few": toReadings, "second-none": toReadings,
+  "second-few": toReadings, "second-none": toReadings, "sheets-open": toSamples,
+  "sheets-rejected": toSamples, "sheets-changed": toSamples, "sheets-replaced": toSamples,
 };
 
 /**
