@@ -13,11 +13,13 @@ export PIP_USER := 0
 # Modules are compiled once, not at every start of the program, of which the tests make hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Two files of tests at a time. Those in a browser run apart: even loading what checks shapes
-# would take a fifth of their time.
+# Two files of tests at a time. Shapes are checked by the engine's own tests; what checks them takes
+# a fifth of the time of others even while it is switched off, so those are run without it.
 TWICE  := -n 2 --dist loadfile --no-loadscope-reorder
-UNSEEN := $(BIN)/python -m pytest --ignore=tests/browser $(TWICE)
-SEEN   := $(BIN)/python -m pytest tests/browser --jaxtyping-packages= $(TWICE)
+PLAIN  := $(BIN)/python -m pytest --jaxtyping-packages= $(TWICE)
+ENGINE := $(BIN)/python -m pytest tests/core $(TWICE)
+REST   := $(PLAIN) --ignore=tests/core --ignore=tests/browser
+SEEN   := $(PLAIN) tests/browser
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test check lint style types contracts pages browser bench prove site clean
@@ -52,7 +54,7 @@ demo: install  ## make a synthetic block, run every stage, open the desk (HEADLE
 test: install $(TOOLS)/.installed  ## run all tests, in a real browser too
 	tests/browser/provide_chromium.sh
 	made=$$(mktemp -d) && trap 'rm -rf "$$made"' EXIT && export GRUBER_MADE="$$made" && \
-	    $(UNSEEN) && $(SEEN)
+	    $(ENGINE) && $(REST) && $(SEEN)
 
 lint: style types contracts pages  ## format, style, types, import contracts; of the pages too
 
@@ -71,7 +73,7 @@ pages: install $(TOOLS)/.installed
 	$(NODE) $(TOOLS)/node_modules/eslint/bin/eslint.js --config ui/web/eslint.config.js ui/web tests/web
 
 check: lint  ## everything that needs no browser
-	$(UNSEEN)
+	$(ENGINE) && $(REST)
 
 browser: install $(TOOLS)/.installed  ## only the tests in a real browser
 	tests/browser/provide_chromium.sh

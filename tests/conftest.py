@@ -29,14 +29,17 @@ settings.load_profile("untimed")
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files of minutes first, so that no worker waits at the end for the other's last one."""
-    items.sort(key=lambda item: LONG.isdisjoint({item.path.parent.name, item.path.stem}))
+    long = {item.path for item in items if item.get_closest_marker("slow")}
+    long |= {item.path for item in items if LONG & {item.path.parent.name, item.path.stem}}
+    items.sort(key=lambda item: item.path not in long)
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Shapes are checked at every call by the tests of the engine, but by its long ones.
 
-    Elsewhere checks would take a third of the time, and find what these find.
+    Elsewhere checks would take a third of the time, and find what these find: `make test` does not
+    even load them there.
     """
     checked = CORE in item.path.parents and not item.get_closest_marker("slow")
     jaxtyping.config.update("jaxtyping_disable", not checked)
@@ -65,7 +68,7 @@ def shared_data() -> Path:
 def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
     """A folder that one of the workers makes and all may read.
 
-    `make test` runs pytest twice: GRUBER_MADE names what both may use.
+    `make test` runs pytest three times: GRUBER_MADE names what both may use.
     """
     base = factory.getbasetemp()
     shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
