@@ -164,13 +164,14 @@ def warped_tile(
         return empty
     near = np.where(np.isfinite(pixels), pixels, 0.0)
     reduction = _reduction(near)
-    window = _window_around(near[inside], (columns, rows), reduction)
+    # Columns and rows by themselves: pairs of numbers are handled several times as slowly.
+    across, down = near[..., 0], near[..., 1]
+    window = _window_around(across[inside], down[inside], (columns, rows), reduction)
     values = stretch.applied(read(drawn.photo.scan, *window, reduction))
-    there = (near - np.array(window[:2])) / reduction - HALF_PIXEL
     warped = cv2.remap(
         values,
-        there[..., 0].astype(np.float32),
-        there[..., 1].astype(np.float32),
+        ((across - window[0]) / reduction - HALF_PIXEL).astype(np.float32),
+        ((down - window[1]) / reduction - HALF_PIXEL).astype(np.float32),
         cv2.INTER_CUBIC if reduction == 1 else cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
     )
@@ -354,12 +355,16 @@ def _reduction(pixels: Float64[np.ndarray, "rows columns 2"]) -> int:
 
 
 def _window_around(
-    pixels: Float64[np.ndarray, "n 2"], size_px: tuple[int, int], reduction: int
+    columns: Float64[np.ndarray, "n"],
+    rows: Float64[np.ndarray, "n"],
+    size_px: tuple[int, int],
+    reduction: int,
 ) -> tuple[int, int, int, int]:
     """Column, row, columns, rows of the window that holds some pixels, with a margin."""
     margin = 3 * reduction
-    low = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - margin, 0)
-    high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + margin, np.array(size_px))
+    first, last = np.array([[of.min(), of.max()] for of in (columns, rows)]).T
+    low = np.maximum(np.floor(first).astype(int) - margin, 0)
+    high = np.minimum(np.ceil(last).astype(int) + margin, np.array(size_px))
     low = low // reduction * reduction
     extent = np.maximum((high - low) // reduction, 1) * reduction
     return int(low[0]), int(low[1]), int(extent[0]), int(extent[1])
