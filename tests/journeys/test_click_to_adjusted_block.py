@@ -40,9 +40,9 @@ def rejected(tiny_run: Tiny):
     assert run_alone("run", folder).code == 0
     yield key, before
     with Session.open(folder, "operator") as session:
-        while session.undo() is not None:
-            pass
-    assert run_alone("run", folder).code == 0
+        undone = list(iter(session.undo, None))
+    # The last test has undone it and run already, unless it failed or was left out.
+    assert not undone or run_alone("run", folder).code == 0
 
 
 def test_a_decision_stands_although_the_run_was_never_finished__law(tiny_run, rejected):
