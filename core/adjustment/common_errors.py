@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float64, Int
 from scipy.spatial import KDTree
 
+from core.adjustment.adjusted import SETTLED
 from core.adjustment.equations import PLACES, Rows
 from core.adjustment.factorisation import SIZE
 from core.adjustment.influence import Influence
@@ -35,9 +36,6 @@ APART_SIGMAS = 3.0
 # design: memory; 256 rays over 2,400 unknowns take 10 MB.
 BATCH = 256
 """Observations whose rows are held at once."""
-# design: the walk repeats its stages until photos move by less than this.
-SETTLED = 0.1
-"""A block settles to this share of its standard deviations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
+from core.adjustment.adjusted import SETTLED, AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.weights import Terrain
 from core.block import Block, Photo, SurveyedPoint, TiePoints
@@ -35,9 +35,6 @@ from core.said import say
 # design: of a thousand good points one has a correction as large in either axis.
 GROSS = 3.5
 """A control point is left out when its ground correction exceeds this many standard deviations."""
-# design: a tenth adds half a per cent to the error of a photo.
-SETTLED = 0.1
-"""A block has settled when its photos move less than this share of their standard deviations."""
 # design: a round costs seconds, for score maps are kept; the third seldom moves anything.
 ROUNDS = 5
 """So often one pass judges what it found and adjusts at most."""
