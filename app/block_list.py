@@ -72,7 +72,8 @@ def block_told(folder: Path) -> dict[str, Any]:
         if not standing_signatures(decisions, {}):
             return told
         report = cast("AdjustmentReport | None", session.products.latest_value("adjustment"))
-        version, sheets = version_on_disk(session.products), sheets_on_disk(session.products)
+        version = version_on_disk(session.products)
+        sheets = sheets_on_disk(session.products, version)
         now = {} if report is None else judged_parts(decisions, report, version, rules, sheets)
         told["signed"] = [
             [one.recorded.who, one.said.verdict, one.holds]

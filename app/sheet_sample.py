@@ -8,6 +8,7 @@ from core.errors import ProjectError
 from core.quality.job_rules import JobRules
 from core.said import say
 from core.sheets.acceptance import bad_sheets
+from sessions.checks import version_on_disk
 from sessions.decisions import DrawSheets
 from sessions.session import Session
 from sessions.sheet_samples import LARGEST_SEED, new_sample, sheets_on_disk
@@ -24,7 +25,7 @@ def draw_sample(project: Project, session: Session, seed: int | None = None) -> 
     Raises:
         ProjectError: No map sheets were cut.
     """
-    sheets = sheets_on_disk(session.products)
+    sheets = sheets_on_disk(session.products, version_on_disk(session.products))
     if not sheets:
         raise ProjectError(
             project.file,

@@ -20,6 +20,7 @@ from core.sheets.delivery import CHECK_SUMS, INDEX, Delivery, SheetFile
 from core.sheets.map_sheets import MapSheet, only_areas, read_sheet_index, state_map_sheets
 from core.sheets.stage import VERSION, SheetOptions, cut_sheets
 from sessions.atomic_write import whole_file, whole_folder
+from sessions.checks import version_on_disk
 from sessions.disk import explain_disk_errors
 from sessions.session import Session
 
@@ -104,7 +105,9 @@ def make_sheets(
     kept: Delivery | None = None
     if former is not None and not anew:
         kept = products.load_value(PRODUCT, _digest(session, inputs, former))
-    if kept is not None and all((folder / name).is_file() for name in _files(kept)):
+    version = version_on_disk(products)
+    fresh = kept is not None and all((folder / name).is_file() for name in _files(kept))
+    if kept is not None and fresh and kept.mosaic == version:
         return replace(kept, made=0)
     sheets = check_sheets(project)
     where = project.sheets.index or f"{project.file} [sheets] rule"
@@ -117,6 +120,7 @@ def make_sheets(
     )  # fmt: skip
     if former is not None:
         _remove(folder, set(_files(former)) - set(_files(delivery)))
+    delivery = replace(delivery, mosaic=version)
     products.save_value(PRODUCT, _digest(session, inputs, delivery), delivery)
     return delivery
 

@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -33,7 +33,7 @@ from sessions.checks import (
     replaced_readings,
     standing_plans,
 )
-from sessions.decisions import JudgeSheet, Recorded
+from sessions.decisions import DrawSheets, Recorded
 from sessions.remarks import standing_faults
 from sessions.sheet_samples import (
     is_unchanged,
@@ -153,29 +153,45 @@ def judged_lot(
     drawn = standing_samples(decisions)
     if not drawn:
         return None
-    sample = sample_of(drawn[-1])
-    said = {
-        name: one.decision.good
-        for name, one in words_of_sheets(decisions).items()
-        if isinstance(one.decision, JudgeSheet) and one.decision.version == version
-    }
-    earlier = {
-        sheet.name
-        for one in drawn[:-1]
-        if sample_of(one).lot == sample.lot
-        for sheet in sample_of(one).sheets
-    } - {sheet.name for sheet in sample.sheets}
     evidence = _Evidence.of(decisions, "" if blind else version)
+    lots = [
+        _judged(sample_of(one), decisions, version, limit_m, evidence=evidence) for one in drawn
+    ]
+    newest, sample = lots[-1], sample_of(drawn[-1])
+    earlier = [
+        lot for one, lot in zip(drawn[:-1], lots, strict=False) if sample_of(one).lot == sample.lot
+    ]
+    names = {one.sheet.name for one in newest.sheets}
+    replaced = {
+        one.sheet.name for lot in earlier for one in lot.sheets if one.state != "open"
+    } - names  # fmt: skip
     as_drawn = sample.lot == lot_digest(sheets) and is_unchanged(sample)
-    return JudgedLot(
-        sample.plan,
-        tuple(
-            JudgedSheet(one, *evidence.on(one), said.get(one.name), limit_m)
-            for one in sample.sheets
-        ),
-        not as_drawn or sample.plan != smallest_plan(sample.plan.lot, rules),
-        len(earlier & said.keys()),
+    return replace(
+        newest,
+        changed=not as_drawn or sample.plan != smallest_plan(sample.plan.lot, rules),
+        replaced=len(replaced),
+        rejected=sum(lot.state == "rejected" for lot in earlier),
     )
+
+
+def _judged(
+    sample: DrawSheets,
+    decisions: Sequence[Recorded],
+    version: str,
+    limit_m: float,
+    *,
+    evidence: "_Evidence",
+) -> JudgedLot:
+    """One sample by what is known of its sheets."""
+    said = {
+        name: all(word.good for _, word in words if word.version == version)
+        for name, words in words_of_sheets(decisions, sample.lot).items()
+        if any(word.version == version for _, word in words)
+    }
+    sheets = (
+        JudgedSheet(one, *evidence.on(one), said.get(one.name), limit_m) for one in sample.sheets
+    )
+    return JudgedLot(sample.plan, tuple(sheets), changed=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

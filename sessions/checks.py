@@ -277,8 +277,8 @@ def judged_parts(
         if isinstance(item.decision, PlanChecks | ReadCheck) or is_of_a_fault(item.decision)
     ]
     drawn = standing_samples(decisions)
-    sampled = [*drawn, *words_of_sheets(decisions).values()]
-    of_sheets = (lot_digest(sheets), sampled) if drawn else None
+    lot = lot_digest(sheets)
+    of_sheets = (lot, drawn, sorted(words_of_sheets(decisions, lot).items())) if drawn else None
     values = block, _orientation_of(report), mosaic, readings, (RULES, rules), of_sheets
     return {
         name: digest_of(name, value)[:DIGEST_SIGNS]

@@ -27,8 +27,7 @@ class Accept:
     photo_id: str
     """The photo."""
     column: float | None = None
-    """Where the measurement lay when it was accepted, pixels; keeps a later proposal from moving
-    what a human has looked at. None accepts whatever is proposed."""
+    """Where it lay then, pixels: no later proposal moves it. None accepts what is proposed."""
     row: float | None = None
     """As `column`."""
 
@@ -235,8 +234,7 @@ class FillMarks:
     places_mm: Mapping[str, tuple[float, float]] = field(
         default_factory=dict[str, tuple[float, float]]
     )
-    """Where the marks lie on the film, millimetres, estimated from the roll; empty where a
-    certificate says so."""
+    """Where marks lie on the film, millimetres, by the roll; empty where a certificate says so."""
     sigma_mm: float = 0.0
     """Standard deviation of such a place per axis, millimetres."""
 
@@ -318,6 +316,8 @@ class JudgeSheet:
     """Of the mosaic that was looked at."""
     words: str = ""
     """Why; empty where nothing is added."""
+    lot: str = ""
+    """Digest of the lot it was drawn from: a name may be given to other ground."""
 
 
 Acceptance = Literal["accept", "accept-with-remarks", "reject"]

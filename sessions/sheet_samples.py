@@ -15,16 +15,21 @@ LARGEST_SEED = 10**9
 """Seeds lie below: as many as anybody types."""
 
 
-def sheets_of(delivery: Delivery | None) -> tuple[MapSheet, ...]:
-    """The sheets of a delivery, each once, in the order of their names."""
-    files = () if delivery is None else delivery.files
+def sheets_of(delivery: Delivery | None, version: str) -> tuple[MapSheet, ...]:
+    """The sheets of a delivery, each once, in the order of their names.
+
+    Args:
+        delivery: As it was cut last; None where none was.
+        version: Of the mosaic: sheets that were cut from another are none of it.
+    """
+    files = () if delivery is None or delivery.mosaic != version else delivery.files
     areas = {one.name: one.area for one in reversed(files)}
     return tuple(MapSheet(name, areas[name]) for name in sorted(areas))
 
 
-def sheets_on_disk(products: Products) -> tuple[MapSheet, ...]:
-    """The map sheets of the block as they were cut last; none where none were cut."""
-    return sheets_of(cast("Delivery | None", products.latest_value("sheets")))
+def sheets_on_disk(products: Products, version: str) -> tuple[MapSheet, ...]:
+    """The map sheets of a version of the mosaic; none where none were cut of it."""
+    return sheets_of(cast("Delivery | None", products.latest_value("sheets")), version)
 
 
 def lot_digest(sheets: Sequence[MapSheet]) -> str:
@@ -67,10 +72,16 @@ def sample_of(recorded: Recorded) -> DrawSheets:
     return recorded.decision
 
 
-def words_of_sheets(decisions: Sequence[Recorded]) -> Mapping[str, Recorded]:
-    """What was said last of every sheet, by its name."""
-    return {
-        one.decision.sheet: one
+def words_of_sheets(
+    decisions: Sequence[Recorded], lot: str
+) -> Mapping[str, tuple[tuple[Recorded, JudgeSheet], ...]]:
+    """What everybody said last of every sheet of a lot, by its name."""
+    newest = {
+        (one.decision.sheet, one.who): (one, one.decision)
         for one in standing(decisions)
-        if isinstance(one.decision, JudgeSheet)
+        if isinstance(one.decision, JudgeSheet) and one.decision.lot == lot
     }
+    found: dict[str, tuple[tuple[Recorded, JudgeSheet], ...]] = {}
+    for (name, _), said in newest.items():
+        found[name] = (*found.get(name, ()), said)
+    return found

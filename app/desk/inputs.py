@@ -178,8 +178,9 @@ class DeskInputs:
 
     def with_products(self, desk: DeskSnapshot) -> DeskSnapshot:
         """The same with the version of the mosaic, and the map sheets, as they are on disk now."""
-        sheets = sheets_on_disk(self.session.products)
-        return replace(desk, mosaic_version=self.mosaic_version(), sheets=sheets)
+        version = self.mosaic_version()
+        sheets = sheets_on_disk(self.session.products, version)
+        return replace(desk, mosaic_version=version, sheets=sheets)
 
     def written_ms(self) -> int:
         """When the report on disk was written, milliseconds since 1970; 0 where there is none."""
@@ -223,7 +224,7 @@ def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
         ortho_sigma_m=desk.reference_sigma_m[0],
         ortho_pixel_m=desk.ortho.ground_sample_distance_m if desk.has_ortho else 0.0,
         mosaic_version=desk.mosaic_version(),
-        sheets=sheets_on_disk(desk.session.products),
+        sheets=sheets_on_disk(desk.session.products, desk.mosaic_version()),
         rules=desk.rules,
         exposed=desk.exposed,
     )

@@ -279,7 +279,7 @@ def _checked_figures(
         seams=seams,
         bounds=bounds,
         rules=rules,
-        sheets=sheets_of(content.sheets),
+        sheets=sheets_of(content.sheets, content.mosaic_version),
     )
     lot = lot_of(content)
     return told | {"sheets": None if lot is None else lot_part(lot, *decided, rules)}
@@ -288,7 +288,7 @@ def _checked_figures(
 def lot_of(content: ReportContent) -> JudgedLot | None:
     """The sample of map sheets that was drawn last; None where none was drawn."""
     limit, rules = release_limit_m(content.report.block, content.rules), content.rules
-    sheets = sheets_of(content.sheets)
+    sheets = sheets_of(content.sheets, content.mosaic_version)
     return judged_lot(content.decisions, sheets, content.mosaic_version, limit, rules=rules)
 
 

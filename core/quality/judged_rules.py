@@ -129,7 +129,14 @@ RULES: tuple[Rule, ...] = (
     Rule("faults", ("faults", "faults-open"), GRUBER),
     Rule(
         "sheets",
-        ("sheets-accepted", "sheets-open", "sheets-rejected", "sheets-changed", "sheets-replaced"),
+        (
+            "sheets-accepted",
+            "sheets-open",
+            "sheets-rejected",
+            "sheets-changed",
+            "sheets-rejected-before",
+            "sheets-replaced",
+        ),
         SAMPLING,
         (
             "sheets_good_percent",

@@ -105,8 +105,10 @@ SENTENCES = {
     "rejected {producer} times in 100.",
     "sheets-open": "Sheets of the sample that nobody has judged yet: {open} of {sample}, bad so "
     "far: {bad} (lot: {lot}).",
-    "sheets-changed": "The map sheets or the limits of the job have changed since the sample of "
-    "{sample} sheets was drawn: draw another.",
+    "sheets-changed": "The mosaic, its map sheets or the limits of the job have changed since the "
+    "sample of {sample} sheets was drawn ({bad} bad): make the sheets, then draw another.",
+    "sheets-rejected-before": "Earlier samples by which this lot of map sheets is rejected: "
+    "{count}. Drawing another does not make it good.",
     "sheets-replaced": "A newer sample of sheets took the place of one that was being judged; "
     "sheets of it that were judged: {count}.",
     "faults-open": "Faults marked in the mosaic: {count}; still open: {open}.",

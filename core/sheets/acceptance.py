@@ -65,7 +65,8 @@ class JudgedSheet:
     read: PlanFigures
     """What readings of places on it say together."""
     said: bool | None
-    """What was said last of it as the mosaic is now; None where nobody said anything."""
+    """False where anybody's last word on it, as the mosaic is now, is that it is bad; None where
+    nobody said anything."""
     limit_m: float
     """Position error up to which it is good, metres."""
 
@@ -93,8 +94,10 @@ class JudgedLot:
     """Its sheets, in the order of their names."""
     changed: bool
     """The sheets of the block, or the limits of the job, are others than when it was drawn."""
-    replaced: int
-    """Sheets of earlier samples of the same lot that somebody judged as the mosaic is now."""
+    replaced: int = 0
+    """Sheets of earlier samples of the same lot that are judged as the mosaic is now."""
+    rejected: int = 0
+    """Earlier samples of the same lot by which it is rejected as all is now."""
 
     def count(self, state: SheetState) -> int:
         """Sheets of a state."""
@@ -172,13 +175,15 @@ def lot_findings(lot: JudgedLot, rules: JobRules) -> tuple[Finding, ...]:
         "good_percent": f"{rules.sheets_good_percent:g}",
         "bad_percent": f"{rules.sheets_bad_percent:g}",
     }
-    if lot.changed:
-        return (Finding("sheets-changed", DOUBTFUL, told),)
     grave = {"accepted": SOUND, "open": DOUBTFUL, "rejected": POOR}[lot.state]
-    found = Finding(f"sheets-{lot.state}", grave, told)
-    if not lot.replaced:
-        return (found,)
-    return found, Finding("sheets-replaced", DOUBTFUL, {**told, "count": str(lot.replaced)})
+    found = [Finding(f"sheets-{lot.state}", grave, told)]
+    if lot.changed:
+        found = [Finding("sheets-changed", POOR if lot.state == "rejected" else DOUBTFUL, told)]
+    if lot.rejected:
+        found.insert(0, Finding("sheets-rejected-before", POOR, {"count": str(lot.rejected)}))
+    if lot.replaced:
+        found.append(Finding("sheets-replaced", DOUBTFUL, {"count": str(lot.replaced)}))
+    return tuple(found)
 
 
 @cache

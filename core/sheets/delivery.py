@@ -82,6 +82,8 @@ class Delivery:
     """Sheets of the index that the mosaic shows nothing of."""
     made: int = 0
     """Files that were made now; the others were fresh."""
+    mosaic: str = ""
+    """Version of the mosaic that was cut."""
 
     @property
     def sheets(self) -> tuple[str, ...]:

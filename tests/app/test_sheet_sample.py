@@ -1,6 +1,7 @@
 """`gruber check sheets`: a sample on disk, with all that lets somebody else draw it again."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from app.sheet_sample import draw_sample
 from core.errors import ProjectError
 from core.sheets.acceptance import draw_sheets
 from core.sheets.delivery import Delivery
+from sessions.checks import version_on_disk
 from sessions.session import Session
 from sessions.sheet_samples import is_unchanged, sample_of, sheets_on_disk, standing_samples
 from tests.sessions.test_sheet_samples import delivered
@@ -25,7 +27,8 @@ def folder(tiny_run: Tiny, tmp_path: Path) -> Path:
     copied = tmp_path / "block"
     shutil.copytree(tiny_run.folder, copied)
     with Session.open(copied, "ada") as session:
-        session.products.save_value("sheets", "0" * 64, LOT)
+        lot = replace(LOT, mosaic=version_on_disk(session.products))
+        session.products.save_value("sheets", "0" * 64, lot)
     return copied
 
 
@@ -36,7 +39,7 @@ def test_a_sample_is_recorded_with_seed_digest_and_operator__truth(
     told = capsys.readouterr().out
     with Session.open(folder, "bob") as session:
         (drawn,) = standing_samples(session.decisions())
-        lot = sheets_on_disk(session.products)
+        lot = sheets_on_disk(session.products, version_on_disk(session.products))
     sample = sample_of(drawn)
     assert (drawn.who, sample.seed, is_unchanged(sample)) == ("ada", 7, True)
     assert sample.sheets == draw_sheets(lot, sample.plan, 7)

@@ -8,6 +8,7 @@ from shapely.geometry import box
 
 from core.mosaic.composition import MosaicProduct
 from core.sheets.delivery import Delivery, SheetFile
+from sessions.checks import version_on_disk
 from sessions.decisions import DrawSheets, JudgeSheet
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, RealDesk
@@ -49,7 +50,8 @@ def cut(run_folder: Any) -> None:
             for row in range(DOWN)
             for column in range(ACROSS)
         ]
-        session.products.save_value("sheets", "0" * 64, Delivery(tuple(files), 0))
+        lot = Delivery(tuple(files), 0, mosaic=version_on_disk(session.products))
+        session.products.save_value("sheets", "0" * 64, lot)
 
 
 def open_samples(page: Any) -> None:
@@ -168,9 +170,19 @@ def test_a_lot_is_gone_through_and_accepted_by_keys__law(
     page.keyboard.press("n")
     page.wait_for_selector("#sheet-words:focus")
     page.keyboard.type("cloud")
-    for _ in range(2):
-        page.keyboard.press("Tab")
-    assert page.evaluate("document.activeElement.id") == "sheet-bad"
+    # What was begun stays with its sheet, and Escape leaves the field alone.
+    page.keyboard.press("Escape")
+    page.keyboard.press("j")
+    shows_sheet(page, names[1])
+    assert page.input_value("#sheet-words") == ""
+    page.keyboard.press("k")
+    shows_sheet(page, names[0])
+    assert page.input_value("#sheet-words") == "cloud"
+    page.keyboard.press("y")
+    sheet_state(page, "good")
+    page.keyboard.press("u")
+    sheet_state(page, "open")
+    page.focus("#sheet-words")
     page.keyboard.press("Enter")
     sheet_state(page, "bad")
     page.keyboard.press("u")

@@ -11,7 +11,7 @@ from core.progress import SILENT
 from core.quality.check_plan import CheckPlace
 from core.quality.job_rules import USUAL_RULES
 from core.quality.rules import relative_sigma_m
-from core.sheets.acceptance import JudgedLot
+from core.sheets.acceptance import JudgedLot, lot_findings
 from sessions.checked import Predicted, checked_by_hand, judged_lot
 from sessions.checks import new_plan
 from sessions.decisions import Decision, JudgeSheet, ReadCheck, Recorded, Remark, Withdraw
@@ -76,8 +76,8 @@ def test_sheets_are_judged_by_words_faults_and_readings_on_them__law() -> None:
 
     assert judged_lot([], SHEETS, "m1", 0.8) is None
     assert states(lot_after(sample)) == {}
-    good = JudgeSheet(first.name, good=True, version="m1")
-    bad = JudgeSheet(second.name, good=False, version="m1", words="dark")
+    good = JudgeSheet(first.name, good=True, version="m1", lot=sample.lot)
+    bad = JudgeSheet(second.name, good=False, version="m1", words="dark", lot=sample.lot)
     assert states(lot_after(sample, good, bad)) == {first.name: "good", second.name: "bad"}
     assert states(lot_after(sample, good, marked(first))) == {first.name: "bad"}
     assert states(lot_after(sample, marked(outside))) == {}
@@ -101,7 +101,7 @@ def test_sheets_are_judged_by_words_faults_and_readings_on_them__law() -> None:
 
 def test_another_mosaic_has_to_be_looked_at_again_and_another_lot_to_be_drawn__law() -> None:
     sample = new_sample(SHEETS, 3)
-    words = [JudgeSheet(one.name, good=True, version="m1") for one in sample.sheets]
+    words = [JudgeSheet(one.name, good=True, version="m1", lot=sample.lot) for one in sample.sheets]
     assert lot_after(sample, *words).state == "accepted"
     renewed = lot_after(sample, *words, version="m2")
     assert (renewed.state, renewed.changed) == ("open", False)
@@ -115,8 +115,16 @@ def test_a_newer_sample_does_not_hide_what_was_judged__law() -> None:
     first, second = new_sample(SHEETS, 3), new_sample(SHEETS, 4)
     gone = [one for one in first.sheets if one not in second.sheets]
     assert gone
-    bad = JudgeSheet(gone[0].name, good=False, version="m1", words="dark")
-    assert lot_after(first, bad, second).replaced == 1
+    bad = JudgeSheet(gone[0].name, good=False, version="m1", words="dark", lot=first.lot)
+    hidden = lot_after(first, bad, second)
+    # No bad sheet is allowed of twelve: the first sample rejected the lot, and still does.
+    assert (hidden.replaced, hidden.rejected) == (1, 1)
+    told = [one.kind for one in lot_findings(hidden, USUAL_RULES)]
+    assert told == ["sheets-rejected-before", "sheets-open", "sheets-replaced"]
+    assert lot_after(first, bad, Withdraw(2), second).rejected == 0
+    (east, north), *_ = gone[0].area.centroid.coords
+    smear = Remark("place", "", "", (east, north), "smear")
+    assert lot_after(first, smear, second).rejected == 1
     assert lot_after(first, bad).replaced == 0
     assert lot_after(first, bad, second, version="m2").replaced == 0
     # Another lot, or a sample that was withdrawn, is no excuse and no matter.

@@ -34,7 +34,7 @@ from sessions.decisions import (
 )
 from sessions.replay import replay
 from sessions.session import Session
-from sessions.sheet_samples import new_sample
+from sessions.sheet_samples import lot_digest, new_sample
 from tests.flights import FlightPlan, fly
 
 PLACES = (CheckPlace("01", 10.0, 20.0), CheckPlace("02", 30.0, 40.0, 0.04))
@@ -197,7 +197,10 @@ def test_a_signature_made_under_other_limits_is_outdated__law() -> None:
 def test_a_signature_is_of_the_sample_of_sheets_its_words_and_its_lot__law() -> None:
     """Without a sample sheets are no part of it: signatures of earlier versions hold."""
     sheets = tuple(MapSheet(f"S{n}", box(n, 0, n + 1, 1)) for n in range(9))
-    sample, word = new_sample(sheets, 3), JudgeSheet("S1", good=True, version="m1")
+    sample, word = (
+        new_sample(sheets, 3),
+        JudgeSheet("S1", good=True, version="m1", lot=lot_digest(sheets)),
+    )
     said = [Recorded(n, "t", "ada", one) for n, one in enumerate((sample, word), 1)]
     assert judged_parts([], REPORT, "m1", sheets=sheets) == judged_parts([], REPORT, "m1")
     one, both = (judged_parts(said[:n], REPORT, "m1", sheets=sheets) for n in (1, 2))

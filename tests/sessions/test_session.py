@@ -83,7 +83,7 @@ EVERY: tuple[Decision, ...] = (
     PlanChecks((CheckPlace("1-01", 1.5, 2 / 3, 0.04),), (6, 5), 1, "", True, "abc"),
     ReadCheck("1-01", (1.5, 2 / 3), (1.25, 0.5), "abc"),
     DrawSheets(SamplingPlan(9, 1, 0), (DrawnSheet("HUST25", box(0, 0, 2 / 3, 1)),), 7, "l", "abc"),
-    JudgeSheet("HUST25", good=False, version="abc", words="šmouha"),
+    JudgeSheet("HUST25", good=False, version="abc", words="šmouha", lot="abcd"),
     SignBlock("accept-with-remarks", "roh", {"mosaic": "abc"}),
     Remark("place", "", "tmavé", (1.5, 2 / 3), "tone", "eva", None),
     Withdraw(3),

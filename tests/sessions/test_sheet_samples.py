@@ -35,14 +35,16 @@ def delivered(name: str, form: str = "geotiff", east: float = 0.0) -> SheetFile:
 
 def test_a_sheet_in_several_files_is_one_of_the_lot__law(tmp_path: Path) -> None:
     files = (delivered("B", east=100.0), delivered("A"), delivered("A", "jp2"))
-    found = sheets_of(Delivery(files, 0))
+    found = sheets_of(Delivery(files, 0, mosaic="m1"), "m1")
     assert [one.name for one in found] == ["A", "B"]
     assert [one.area.bounds[0] for one in found] == [0.0, 100.0]
-    assert sheets_of(None) == ()
+    assert sheets_of(None, "m1") == ()
+    # Cut from another mosaic they are no sheets of this one.
+    assert sheets_of(Delivery(files, 0, mosaic="m1"), "m2") == ()
     with Session.open(tmp_path, "ada") as session:
-        assert sheets_on_disk(session.products) == ()
-        session.products.save_value("sheets", "0" * 64, Delivery(files, 0))
-        assert [one.name for one in sheets_on_disk(session.products)] == ["A", "B"]
+        assert sheets_on_disk(session.products, "m1") == ()
+        session.products.save_value("sheets", "0" * 64, Delivery(files, 0, mosaic="m1"))
+        assert [one.name for one in sheets_on_disk(session.products, "m1")] == ["A", "B"]
 
 
 def test_a_sample_is_drawn_by_the_limits_of_the_job__law() -> None:
@@ -73,14 +75,21 @@ def test_the_lot_is_names_and_areas_and_not_their_order__law() -> None:
     assert lot_digest(SHEETS) not in {lot_digest(lot) for lot in others}
 
 
-def test_the_last_word_about_a_sheet_counts_until_it_is_withdrawn__law(tmp_path: Path) -> None:
+def test_everybodys_last_word_about_a_sheet_counts_until_it_is_withdrawn__law(
+    tmp_path: Path,
+) -> None:
+    def said() -> list[tuple[str, bool]]:
+        words = words_of_sheets(session.decisions(), "lot").get("S01", ())
+        return [(item.who, one.good) for item, one in words]
+
     with Session.open(tmp_path, "ada") as session:
-        session.record(JudgeSheet("S01", good=True, version="m1"))
-        session.record(JudgeSheet("S01", good=False, version="m1", words="smear"), operator="bob")
-        said = words_of_sheets(session.decisions())
-        assert (said["S01"].who, said["S01"].decision.good) == ("bob", False)
+        session.record(JudgeSheet("S01", good=False, version="m1", words="dim", lot="lot"))
+        session.record(JudgeSheet("S01", good=True, version="m1", lot="lot"))
+        smear = JudgeSheet("S01", good=False, version="m1", words="smear", lot="lot")
+        session.record(smear, operator="bob")
+        assert said() == [("ada", True), ("bob", False)]
+        assert words_of_sheets(session.decisions(), "another lot") == {}
         session.undo("bob")
-        said = words_of_sheets(session.decisions())
-        assert (said["S01"].who, said["S01"].decision.good) == ("ada", True)
+        assert said() == [("ada", True)]
         # Nothing of the block follows from it.
         assert changing(session.decisions()) == ()

@@ -277,7 +277,7 @@ def _undo_question(item: Recorded, recorded: Sequence[Recorded]) -> Notice | Non
             values = {"what": subject_of(item.decision), "count": f"{item.decision.count}"}
             return Notice("undo.ask.PlanChecks", values)
         case DrawSheets():
-            return Notice("undo.ask.DrawSheets", {"count": f"{decision.count}"})
+            return Notice("undo.ask.DrawSheets", {"count": f"{item.decision.count}"})
         case SignBlock():
             earlier = [
                 one.when

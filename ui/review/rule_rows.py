@@ -70,7 +70,8 @@ VALUE_TEXTS: Mapping[str, str] = {
     "misfit-places": "rules.value.misfit",
     **dict.fromkeys(("faults", "faults-open"), "rules.value.open"),
     **dict.fromkeys(
-        ("sheets-accepted", "sheets-open", "sheets-rejected", "sheets-changed", "sheets-replaced"),
+        ("sheets-accepted", "sheets-open", "sheets-rejected", "sheets-changed",
+         "sheets-rejected-before", "sheets-replaced"),
         "rules.value.sheets",
     ),
 }  # fmt: skip

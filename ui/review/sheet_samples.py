@@ -24,14 +24,15 @@ def decided_sheet(
     gesture: SheetJudged, desk: DeskSnapshot
 ) -> tuple[tuple[JudgeSheet, ...], Notice | None]:
     """What is recorded of a word about a sheet; whoever finds one bad says why."""
-    drawn = standing_samples(desk.recorded)
-    names = {one.name for one in sample_of(drawn[-1]).sheets} if drawn else set[str]()
-    version = desk.mosaic_version
-    if gesture.sheet not in names or not version:
+    drawn, version = standing_samples(desk.recorded), desk.mosaic_version
+    sample = sample_of(drawn[-1]) if drawn else None
+    if sample is None or not version:
         return (), None
+    if gesture.sheet not in {one.name for one in sample.sheets}:
+        return (), Notice("notice.sheet-not-drawn", {"sheet": gesture.sheet}, grave=True)
     if not gesture.good and not gesture.words:
         return (), Notice("notice.sheet-words")
-    return (JudgeSheet(gesture.sheet, gesture.good, version, gesture.words),), None
+    return (JudgeSheet(gesture.sheet, gesture.good, version, gesture.words, sample.lot),), None
 
 
 def sheets_part(desk: DeskSnapshot, *, blind: bool) -> Part:
@@ -63,7 +64,8 @@ def lot_part(
         rules: Limits of the job.
     """
     item, plan = standing_samples(recorded)[-1], lot.plan
-    sample, words = sample_of(item), words_of_sheets(recorded)
+    sample = sample_of(item)
+    words = words_of_sheets(recorded, sample.lot)
     good, bad = bad_sheets(plan.lot, rules)
     return {
         "when": item.when[:16].replace("T", " "),
@@ -73,6 +75,7 @@ def lot_part(
         "unchanged": is_unchanged(sample),
         "changed": lot.changed,
         "replaced": lot.replaced,
+        "rejected": lot.rejected,
         "lot": plan.lot,
         "drawn": plan.sample,
         "accepted": plan.accepted,
@@ -85,7 +88,7 @@ def lot_part(
         "curve": [
             [_percent(one / plan.lot), _percent(plan.acceptance(one))] for one in _curve_counts(lot)
         ],
-        "sheets": [_sheet(one, words.get(one.sheet.name), version) for one in lot.sheets],
+        "sheets": [_sheet(one, words.get(one.sheet.name, ()), version) for one in lot.sheets],
     }
 
 
@@ -96,7 +99,7 @@ def _curve_counts(lot: JudgedLot) -> list[int]:
     return sorted({round(one) for one in np.linspace(0, last, CURVE_POINTS).tolist()})
 
 
-def _sheet(one: JudgedSheet, said: Recorded | None, version: str) -> Part:
+def _sheet(one: JudgedSheet, said: Sequence[tuple[Recorded, JudgeSheet]], version: str) -> Part:
     """One sheet of the sample, and why it is what it is."""
     low, high = one.read.m_p_interval
     return {
@@ -107,14 +110,12 @@ def _sheet(one: JudgedSheet, said: Recorded | None, version: str) -> Part:
         "m_p": _metres(one.read.m_p),
         "interval": [_metres(low), _metres(high)],
         "by_readings": one.by_readings,
-        "said": None if said is None else _said(said, version),
+        "said": [_said(*word, version) for word in said],
     }
 
 
-def _said(item: Recorded, version: str) -> Part:
+def _said(item: Recorded, said: JudgeSheet, version: str) -> Part:
     """Who said what of a sheet, and whether that was of this mosaic."""
-    said = item.decision
-    assert isinstance(said, JudgeSheet)
     return {
         "id": item.decision_id,
         "who": item.who,

@@ -233,15 +233,15 @@ interface Quality {
 interface SampledSheet {
   name: string; state: "good" | "bad" | "open"; faults: number; read: number; m_p: number | null;
   interval: (number | null)[]; by_readings: string;
-  said: { id: number; who: string; when: string; good: boolean; words: string; outdated: boolean }
-    | null;
+  said: { id: number; who: string; when: string; good: boolean; words: string;
+    outdated: boolean }[];
   /** Easting and northing, metres. */
   rings: Pair[][];
 }
 /** A sample of map sheets; shares of bad sheets and of accepted lots are per cent. */
 interface Sample {
   when: string; who: string; seed: number; digest: string; unchanged: boolean; changed: boolean;
-  replaced: number; lot: number; drawn: number; accepted: number; bad: number; open: number;
+  replaced: number; rejected: number; lot: number; drawn: number; accepted: number; bad: number; open: number;
   /** Empty for an observer who still reads. */
   state: string;
   good_lot: [share: number, sheets: number, accepted: number];

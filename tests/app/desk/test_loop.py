@@ -12,6 +12,7 @@ from app.desk.loop import ReviewLoop
 from app.desk.messages import Measured, Screen, SeatLeft, SeatTaken, WrittenBeside
 from core.errors import Cancelled, StorageError
 from core.sheets.delivery import Delivery
+from sessions.checks import version_on_disk
 from sessions.decisions import (
     Accept,
     AddPoint,
@@ -658,6 +659,7 @@ def test_sheets_that_were_cut_are_there_to_be_drawn_from_and_another_lot_is_told
         return desk.glass.parts["anna-1"]["quality"]["sheets"]
 
     def cut(lot: Delivery, digest: str) -> None:
+        lot = replace(lot, mosaic=version_on_disk(desk.session.products))
         desk.session.products.save_value("sheets", digest * 64, lot)
         desk.loop.submit(WrittenBeside(Notice("notice.sheets-made")))
         desk.glass.until(lambda glass: sheets()["count"] == len(lot.sheets))
@@ -668,7 +670,7 @@ def test_sheets_that_were_cut_are_there_to_be_drawn_from_and_another_lot_is_told
         assert sheets() == {"count": 0, "sample": None}
         cut(LOT, "0")
         assert ("", "notice.sheets-made") in desk.glass.notices
-        sample = new_sample(sheets_of(LOT), 3)
+        sample = new_sample(sheets_of(LOT, LOT.mosaic), 3)
         desk.loop.submit(Measured("anna-1", sample, Notice("notice.sampled", {"count": "15"})))
         desk.glass.until(lambda glass: sheets()["sample"])
         assert sheets()["sample"]["state"] == "open"

@@ -189,11 +189,11 @@ def test_faults_and_remarks_stand_in_page_json_and_table__law(
 def test_a_sample_of_sheets_is_told_with_its_risks_and_rejects_the_block__truth(
     checked: ReportContent, tmp_path
 ) -> None:
-    lot = Delivery(tuple(delivered(f"S{n:02d}", east=500.0 * n) for n in range(30)), 0)
-    sample = new_sample(sheets_of(lot), 3)
+    lot = Delivery(tuple(delivered(f"S{n:02d}", east=500.0 * n) for n in range(30)), 0, 0, VERSION)
+    sample = new_sample(sheets_of(lot, VERSION), 3)
     names = [one.name for one in sample.sheets]
     words = [
-        JudgeSheet(name, good=n > 1, version=VERSION, words="a smear" * (n < 2))
+        JudgeSheet(name, good=n > 1, version=VERSION, words="a smear" * (n < 2), lot=sample.lot)
         for n, name in enumerate(names)
     ]
     said = [

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from shapely.geometry import box
 
 from core.formats.listed_point import ListedPoint
 from core.quality.check_plan import CheckPlace
+from core.sheets.map_sheets import MapSheet
 from sessions.decisions import (
     DECISIONS,
     REASONS,
@@ -27,6 +29,7 @@ from sessions.decisions import (
     Withdraw,
 )
 from sessions.session import Session
+from sessions.sheet_samples import new_sample
 from tests.ui.desk_block import tiny_snapshot
 from ui.review.history import (
     KEPT,
@@ -312,6 +315,11 @@ def test_a_signature_is_asked_about_before_its_button_withdraws_it__law(tmp_path
         # Anything else goes at once, and nobody else's signature is asked about.
         decided, seat, _ = asked_back(2, session.decisions(), after, again=False)
         assert (decided, seat) == ((Withdraw(2),), after)
+        lot = tuple(MapSheet(f"S{n}", box(n, 0, n + 1, 1)) for n in range(9))
+        drawn = session.record(new_sample(lot, 3))
+        _, seat, _ = asked_back(drawn.decision_id, session.decisions(), after, again=False)
+        assert seat.turning is not None
+        assert seat.turning[1] == Notice("undo.ask.DrawSheets", {"count": "6"})
         # One that stands again is told.
         first, second = (session.record(SignBlock("reject", words, {})) for words in "ab")
         _, seat, _ = asked_back(second.decision_id, session.decisions(), after, again=False)
@@ -319,7 +327,7 @@ def test_a_signature_is_asked_about_before_its_button_withdraws_it__law(tmp_path
         told = {"when": first.when[:16].replace("T", " ")}
         assert seat.turning[1] == Notice("undo.ask.SignBlock.earlier", told)
         session.record(SignBlock("accept", "", {}), operator="bob")
-        decided, seat, notice = asked_back(6, session.decisions(), after, again=False)
+        decided, seat, notice = asked_back(7, session.decisions(), after, again=False)
         assert (decided, seat) == ((), after)
         assert notice is not None
         assert notice.text == "notice.not-yours"

@@ -9,7 +9,7 @@ from core.quality.check_plan import CheckPlace
 from core.sheets.map_sheets import MapSheet
 from sessions.checks import new_plan
 from sessions.decisions import Decision, DrawSheets, JudgeSheet, ReadCheck, Recorded, Remark
-from sessions.sheet_samples import new_sample
+from sessions.sheet_samples import lot_digest, new_sample
 from tests.ui.desk_block import tiny_snapshot
 from ui.review.check_gestures import SheetJudged
 from ui.review.checking import decided_judgement, parts_now
@@ -36,7 +36,7 @@ def desk_after(*said: Decision) -> DeskSnapshot:
 
 
 def good(name: str) -> JudgeSheet:
-    return JudgeSheet(name, good=True, version=VERSION)
+    return JudgeSheet(name, good=True, version=VERSION, lot=lot_digest(SHEETS))
 
 
 def test_only_drawn_sheets_are_judged_and_a_bad_one_with_words__law(sample: DrawSheets) -> None:
@@ -45,13 +45,16 @@ def test_only_drawn_sheets_are_judged_and_a_bad_one_with_words__law(sample: Draw
     beside = next(one.name for one in SHEETS if one.name not in {s.name for s in sample.sheets})
     says = SheetJudged("s", name, True, "", 0)
     assert decided_judgement(says, desk) == ((good(name),), None)
-    assert decided_judgement(replace(says, sheet=beside), desk) == ((), None)
+    told = Notice("notice.sheet-not-drawn", {"sheet": beside}, grave=True)
+    assert decided_judgement(replace(says, sheet=beside), desk) == ((), told)
     assert decided_judgement(says, desk_after()) == ((), None)
     assert decided_judgement(says, replace(desk, mosaic_version="")) == ((), None)
     bad = replace(says, good=False)
     assert decided_judgement(bad, desk) == ((), Notice("notice.sheet-words"))
     decided, _ = decided_judgement(replace(bad, words="smear"), desk)
-    assert decided == (JudgeSheet(name, good=False, version=VERSION, words="smear"),)
+    assert decided == (
+        JudgeSheet(name, good=False, version=VERSION, words="smear", lot=sample.lot),
+    )
 
 
 def test_sheets_states_and_risks_are_told__truth(sample: DrawSheets) -> None:
@@ -69,8 +72,8 @@ def test_sheets_states_and_risks_are_told__truth(sample: DrawSheets) -> None:
     assert told["curve"][0] == [0.0, 100.0]
     assert all(a[1] >= b[1] for a, b in zip(told["curve"], told["curve"][1:], strict=False))
     one, other, *_ = told["sheets"]
-    assert (one["state"], one["faults"], one["said"]) == ("bad", 1, None)
-    assert (other["state"], other["said"]["who"], other["said"]["outdated"]) == (
+    assert (one["state"], one["faults"], one["said"]) == ("bad", 1, [])
+    assert (other["state"], other["said"][0]["who"], other["said"][0]["outdated"]) == (
         "good",
         "ada",
         False,
@@ -80,7 +83,7 @@ def test_sheets_states_and_risks_are_told__truth(sample: DrawSheets) -> None:
 
 def test_the_verdict_of_the_block_tells_of_its_sheets__law(sample: DrawSheets) -> None:
     """A rejected lot is a block that is not good enough."""
-    bad = [JudgeSheet(one.name, good=False, version=VERSION, words="x") for one in sample.sheets]
+    bad = [replace(good(one.name), good=False, words="x") for one in sample.sheets]
     fine = [good(one.name) for one in sample.sheets]
     for words, kind, grave in (
         ([], "sheets-open", 1),

@@ -10,7 +10,8 @@ const INKS = { good: "#7dffb2", bad: "#ff6b6b", open: "#b8c4d0" };
 const state = {
   /** The sheet that is judged now; its name. */
   chosen: "",
-  words: "",
+  /** What was begun to be said of sheets, by their names. */
+  drafts: /** @type {Map<string, string>} */ (new Map()),
   /** True until the view has been laid round the chosen sheet. */
   wanted: false,
   /** The sheet of which something was said that the desk has not taken yet: it is said once. */
@@ -31,7 +32,6 @@ const chosenSheet = () => sheetsOf().find(({ name }) => name === state.chosen);
 
 /** The next time the mosaic is shown, it shows this sheet. @param {string} name */
 export function wantSheet(name) {
-  if (state.chosen !== name) state.words = "";
   Object.assign(state, { chosen: name, wanted: true });
 }
 
@@ -68,28 +68,33 @@ function show(sheet) {
 
 /** @param {boolean} good */
 function say(good) {
-  const { chosen, words, saying, found } = state;
+  const { chosen, saying, found } = state;
+  const words = state.drafts.get(chosen) ?? "";
   if (start.guest || !found || !chosenSheet()) return;
   if (!good && !words.trim()) {
     byId("sheet-words").focus();
     return;
   }
   if (saying === chosen) return;
-  const sent = send({ kind: "sheet-judged", sheet: chosen, good, words, version: found.version },
-    () => { if (state.saying === chosen) state.saying = ""; });
-  if (sent) Object.assign(state, { saying: chosen, words: "" });
+  // What is wrong with a sheet is not said of a good one: half a word stays where it is.
+  const sent = send({ kind: "sheet-judged", sheet: chosen, good, words: good ? "" : words,
+    version: found.version }, () => { if (state.saying === chosen) state.saying = ""; });
+  if (!sent) return;
+  state.saying = chosen;
+  if (!good) state.drafts.delete(chosen);
 }
 
 /** Why a sheet is what it is, in one line each. @param {SampledSheet} sheet */
 export function whyOf({ faults, read, m_p: metres, interval, said }) {
-  const state_ = said ? word(said.good ? "sheet.good" : "sheet.bad") : "";
-  const told = said ? word(said.outdated ? "sheet.outdated" : "sheet.said",
-    { who: said.who, state: state_ }) : "";
   return [
     ...(faults ? [word("sheet.faults", { count: faults })] : []),
     ...(read ? [word("sheet.read", { count: read, value: number(metres, 2),
       low: number(interval[0], 2), high: number(interval[1], 2) })] : []),
-    ...(said ? [said.words ? `${told} ${word("detail.words", { words: said.words })}` : told] : []),
+    ...said.map(({ who, good, words, outdated }) => {
+      const told = word(outdated ? "sheet.outdated" : "sheet.said",
+        { who, state: word(good ? "sheet.good" : "sheet.bad") });
+      return words ? `${told} ${word("detail.words", { words })}` : told;
+    }),
   ].join(between());
 }
 
@@ -111,10 +116,18 @@ export function sheetSide(found, acts) {
   }
   const at = sheets.indexOf(sheet) + 1;
   const why = whyOf(sheet);
-  const field = element("input", { id: "sheet-words", value: state.words, maxlength: 2000,
-    disabled: start.guest, placeholder: word("sheet.words"), "aria-label": word("sheet.words"),
+  const field = element("input", { id: "sheet-words", maxlength: 2000,
+    value: state.drafts.get(sheet.name) ?? "", disabled: start.guest,
+    placeholder: word("sheet.words"), "aria-label": word("sheet.words"),
     oninput: (/** @type {Event} */ { target }) => {
-      state.words = /** @type {HTMLInputElement} */ (target).value;
+      state.drafts.set(sheet.name, /** @type {HTMLInputElement} */ (target).value);
+    },
+    onkeydown: (/** @type {KeyboardEvent} */ event) => {
+      if (event.code === "Enter") say(false);
+      else if (event.code === "Escape") /** @type {HTMLElement} */ (event.target).blur();
+      else return;
+      event.preventDefault();
+      event.stopPropagation();
     } });
   const button = (/** @type {string} */ id, /** @type {() => void} */ act, /** @type {string} */
     key, disabled = false) => element("button", { id: `sheet-${id}`, onclick: once(act), disabled },
@@ -164,4 +177,5 @@ export function drawSheets(context, { sampled }, onScreen) {
   }
 }
 
-export const sheetState = () => ({ chosen: state.chosen, words: state.words });
+export const sheetState = () =>
+  ({ chosen: state.chosen, words: state.drafts.get(state.chosen) ?? "" });

@@ -167,8 +167,8 @@ const LEADS = {
   "class-large": toPhotos,
   "no-checks": toReadings, "read-few": toReadings, "read-replaced": toReadings,
   "read-over": toReadings, "read-shifted": toReadings, "read-worse": toReadings,
-  "second-few": toReadings, "second-none": toReadings, "sheets-open": toSamples,
-  "sheets-rejected": toSamples, "sheets-changed": toSamples, "sheets-replaced": toSamples,
+  "second-few": toReadings, "second-none": toReadings, ...Object.fromEntries(["open", "rejected",
+    "rejected-before", "changed", "replaced"].map((of) => [`sheets-${of}`, toSamples])),
 };
 
 /**

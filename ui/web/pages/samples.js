@@ -49,12 +49,15 @@ export function samples({ sheets: { count, sample }, map }) {
   const verdict = of ? element("p", { id: "samples-verdict", class: `grave${grave}` },
     element("b", {}, word(`samples.${of}`, { bad, open }))) : said(word("checks.blind"));
   const [good, poor] = [sample.good_lot, sample.bad_lot];
-  const risks = word("samples.risks", { good: written(good[0]), bad: written(poor[0]),
-    few: good[1], many: poor[1], producer: number(100 - good[2], 1),
+  // Risks are those of the limits of now: a sample by others has others.
+  const risks = sample.changed ? "" : word("samples.risks", { good: written(good[0]),
+    bad: written(poor[0]), few: good[1], many: poor[1], producer: number(100 - good[2], 1),
     consumer: number(poor[2], 1) });
   return part(verdict,
     said(word("samples.drawn", { ...sample, when: moment(sample.when) })),
     ...(sample.unchanged ? [] : [element("p", { class: "doubted" }, word("samples.tampered"))]),
+    ...(sample.rejected ? [element("p", { class: "grave2" },
+      word("samples.rejected-before", { count: sample.rejected }))] : []),
     ...(sample.replaced ? [element("p", { class: "doubted" },
       word("samples.replaced", { count: sample.replaced }))] : []),
     element("div", { class: "pair" }, table(sample), element("div", { class: "samples-drawn" },
