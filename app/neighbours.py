@@ -3,7 +3,7 @@
 Only products and the ends of scans are read; no picture is opened. Nothing is written.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import combinations
@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 
 from app.block_list import blocks_in, was_made
+from app.block_toml import FILE
 from app.project import Project, read_project, reference_sigmas_m
 from app.report.protocol_figures import json_value
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
@@ -69,6 +70,8 @@ class KnownBlock:
     """Ground of every photo, longitude and latitude."""
     points: frozenset[str]
     """Points of the user."""
+    held: Mapping[str, int]
+    """Bytes of the scans that are there, by photo."""
 
     @property
     def products(self) -> Products:
@@ -90,11 +93,14 @@ class Archive:
     folder: Path
     """The folder."""
     _known: dict[str, tuple[object, KnownBlock | Said]] = field(default_factory=dict)
-    _compared: dict[object, Figures] = field(default_factory=dict)
+    _compared: dict[tuple[str, str], tuple[KnownBlock, KnownBlock, Figures]] = field(
+        default_factory=dict
+    )
 
     def figures(self, progress: Progress = SILENT) -> Figures:
         """Every pair of blocks that share a photo, a point or ground, the least likely first."""
-        listed = [str(one["path"]) for one in blocks_in(self.folder) if one["run"]]
+        found = blocks_in(self.folder)
+        listed = [str(one["path"]) for one in found if one["run"]]
         blocks: list[KnownBlock] = []
         left_out: list[Figures] = []
         for number, path in enumerate(listed):
@@ -108,20 +114,28 @@ class Archive:
         rows: list[Figures] = []
         for number, (one, other) in enumerate(near):
             progress.report(len(near) + number, 2 * len(near), f"{one.path}, {other.path}")
-            key = one.path, other.path, one.digests, other.digests
-            if key not in self._compared:
-                self._compared[key] = _compared(one, other)
-            rows.append(self._compared[key])
+            rows.append(self._pair(one, other))
         # The next question may come hours later, or never.
         for kept in (_report, _equations):
             kept.cache_clear()
-        shared = [row for row in rows if row["rows"] or row["why"] or row["one_sided"]]
+        told = "rows", "why", "one_sided", "namesakes"
+        shared = [row for row in rows if any(row[name] for name in told)]
         return {
             "level": LEVEL,
             "blocks": len(blocks),
             "pairs": sorted(shared, key=_least_likely),
             "left_out": left_out,
+            "unadjusted": len(found) - len(listed),
         }
+
+    def _pair(self, one: KnownBlock, other: KnownBlock) -> Figures:
+        """What two blocks share, compared again once one of them was read again."""
+        kept = self._compared.get((one.path, other.path))
+        if kept is not None and kept[0] is one and kept[1] is other:
+            return kept[2]
+        figures = _compared(one, other)
+        self._compared[one.path, other.path] = one, other, figures
+        return figures
 
     def _read(self, path: str) -> KnownBlock | Said:
         """What is kept of one block, or why it is not compared."""
@@ -130,7 +144,9 @@ class Archive:
         digests = products.latest_digest("adjustment"), products.latest_digest("misfit")
         state = digests, _changed(folder)
         if path in self._known and self._known[path][0] == state:
-            return self._known[path][1]
+            kept = self._known[path][1]
+            if not isinstance(kept, KnownBlock) or kept.held == _bytes_of(kept.scans):
+                return kept
         try:
             found = _known_block(path, read_project(folder), products, digests)
         except PhotogrammetryError as error:
@@ -161,7 +177,8 @@ def _known_block(
         name for name, one in block.surveyed.items() if one.source in ("surveyed", "hand")
     )
     scans = {name: (photo.scan, photo.size_px) for name, photo in block.photos.items()}
-    return KnownBlock(path, project, digests, block.crs, scans, outlines, points)
+    held = _bytes_of(scans)
+    return KnownBlock(path, project, digests, block.crs, scans, outlines, points, held)
 
 
 def _in_degrees(outline: shapely.Polygon, crs: str) -> shapely.Polygon | None:
@@ -195,21 +212,41 @@ def shared_photos(one: KnownBlock, other: KnownBlock) -> dict[str, str]:
     by their name and size in pixels. Digests are only made where a scan of the other block has as
     many bytes.
     """
-    sizes = [_bytes_of(block.scans) for block in (one, other)]
-    common = set(sizes[0].values()) & set(sizes[1].values())
+    common = set(one.held.values()) & set(other.held.values())
     there = {
         content_of(other.scans[name][0]): name
-        for name, size in sizes[1].items() if size in common
+        for name, size in other.held.items() if size in common
     }  # fmt: skip
     found: dict[str, str] = {}
     for name, (path, pixels) in one.scans.items():
-        match = there.get(content_of(path)) if sizes[0].get(name) in common else None
-        unread = name not in sizes[0] or name not in sizes[1]
+        match = there.get(content_of(path)) if one.held.get(name) in common else None
+        unread = name not in one.held or name not in other.held
         if match is None and unread and name in other.scans and other.scans[name][1] == pixels:
             match = name
         if match is not None:
             found[name] = match
     return found
+
+
+def namesakes(one: KnownBlock, other: KnownBlock, photos: Mapping[str, str]) -> list[str]:
+    """Photos of one name and size in pixels whose scans are two files, as one saved again would be.
+
+    Blocks whose ground is apart have such names by chance: none of them is told.
+
+    Args:
+        one: The first block.
+        other: The second.
+        photos: Those that are the same scan, by their name in the first.
+    """
+    known = {*photos, *photos.values()}
+    alike = sorted(
+        name for name, (_, pixels) in one.scans.items()
+        if name not in known and name in other.scans and other.scans[name][1] == pixels
+    )  # fmt: skip
+    if not alike:
+        return []
+    tree = shapely.STRtree([*other.outlines.values()])
+    return alike if tree.query([*one.outlines.values()], "intersects").size else []
 
 
 def _bytes_of(scans: Mapping[str, tuple[Path, tuple[int, int]]]) -> dict[str, int]:
@@ -220,7 +257,8 @@ def _bytes_of(scans: Mapping[str, tuple[Path, tuple[int, int]]]) -> dict[str, in
 def _compared(one: KnownBlock, other: KnownBlock) -> Figures:
     """Figures of one pair; `why` says why it could not be compared."""
     named: dict[str, Any] = {"one": one.path, "other": other.path, "why": "", "told": 0}
-    blank = {"rows": [], "one_sided": [], "measurements": 0, "correlation": 0.0, "same": True}
+    blank = {"rows": [], "one_sided": [], "namesakes": [], "measurements": 0, "correlation": 0.0,
+             "same": True}  # fmt: skip
     try:
         return {**named, **blank, **json_value(_pair_figures(one, other))}
     except PhotogrammetryError as error:
@@ -229,10 +267,11 @@ def _compared(one: KnownBlock, other: KnownBlock) -> Figures:
 
 def _pair_figures(one: KnownBlock, other: KnownBlock) -> dict[str, Any]:
     photos = shared_photos(one, other)
+    others = namesakes(one, other, photos)
     same = one.references == other.references or bool(one.references & other.references)
     common = bool(one.points & other.points)
     if not photos and not common and not (one.digests[1] and other.digests[1]):
-        return {"same": same}
+        return {"same": same, "namesakes": others}
     sigma = 0.0 if same else hypot(_reference_sigma_m(one), _reference_sigma_m(other))
     moved = _moved(one, other)
     found = Comparison()
@@ -250,6 +289,7 @@ def _pair_figures(one: KnownBlock, other: KnownBlock) -> dict[str, Any]:
         "rows": rows,
         "told": sum(row["verdict"] == "disagree" for row in rows),
         "one_sided": list(whole.one_sided),
+        "namesakes": others,
         "measurements": whole.measurements,
         "correlation": whole.correlation,
         "same": same,
@@ -399,71 +439,19 @@ def _spacing_m(misfit: Misfit) -> float:
     return float(np.sqrt(extent.prod() / max(misfit.vectors.tried, 1)))
 
 
-def told_lines(figures: Figures) -> Iterable[str]:
-    """What was compared, in sentences; a line that begins with `!` needs attention."""
-    for left in figures["left_out"]:
-        yield say("! {block} is not compared. {why}", block=left["path"], why=left["why"])
-    for pair in figures["pairs"]:
-        yield from _pair_lines(pair)
-    pairs, told = len(figures["pairs"]), sum(pair["told"] > 0 for pair in figures["pairs"])
-    yield say(
-        "{blocks:# block|# blocks}, {pairs:# pair|# pairs} with something in common, "
-        "{told} told apart (a pair of sound blocks in {odds:.0f} is)",
-        blocks=figures["blocks"], pairs=pairs, told=told, odds=1 / figures["level"],
-    )  # fmt: skip
-
-
-def _pair_lines(pair: Figures) -> Iterator[str]:
-    one, other = pair["one"], pair["other"]
-    if pair["why"]:
-        yield say("! {one} and {other}: {why}", one=one, other=other, why=pair["why"])
-    counts = {kind: sum(row["kind"] == kind for row in pair["rows"]) for kind in ROW_TOLD}
-    known = [row for row in pair["rows"] if row["ratio"] is not None]
-    if known:
-        worst = max(known, key=lambda row: row["ratio"])
-        yield say(
-            DISAGREE if pair["told"] else AGREE,
-            one=one, other=other, photos=counts["photo"], points=counts["point"],
-            length=worst["length_m"], sigma=worst["sigma_m"],
-        )  # fmt: skip
-    elif pair["rows"]:
-        yield say("? {one} and {other}: nothing is predicted of what both hold", one=one,
-                  other=other)  # fmt: skip
-    for row in pair["rows"]:
-        if row["verdict"] == "disagree":
-            yield say(
-                ROW_TOLD[row["kind"]], name=row["name"],
-                length=row["length_m"], sigma=row["sigma_m"],
-            )  # fmt: skip
-    if pair["one_sided"]:
-        yield say(
-            "  only one of both orients {photos}", photos=pair["one_sided"]
-        )  # fmt: skip
-
-
-DISAGREE = (
-    "! {one} and {other} disagree: {photos:# photo|# photos}, {points:# point|# points} in both, "
-    "largest difference {length:.2f} m, {sigma:.2f} m predicted"
-)
-AGREE = (
-    "{one} and {other} agree: {photos:# photo|# photos}, {points:# point|# points} in both, "
-    "largest difference {length:.2f} m, {sigma:.2f} m predicted"
-)
-ROW_TOLD: Mapping[str, str] = {
-    "photo": "  photo {name}: its ground lies {length:.2f} m apart, {sigma:.2f} m predicted",
-    "point": "  point {name}: its places lie {length:.2f} m apart, {sigma:.2f} m predicted",
-    "ground": "  both mosaics: {length:.2f} m apart, {sigma:.2f} m predicted",
-}
-"""What disagrees, by kind of row."""
-
-
 def archive_of(folder: Path) -> Archive:
     """The blocks below a folder.
 
     Raises:
-        PhotogrammetryError: There are none.
+        PhotogrammetryError: There are none, there is no such folder, or it is a block itself.
     """
+    remedy = "Name a folder with blocks in it that were run."
+    if not folder.exists():
+        raise PhotogrammetryError(folder, "does not exist.", remedy)
+    if (folder.parent if folder.name == FILE else folder).joinpath(FILE).is_file():
+        raise PhotogrammetryError(folder, "is a block.", "Name the folder above it.")
+    if not folder.is_dir():
+        raise PhotogrammetryError(folder, "is no folder.", remedy)
     if not any(was_made(folder / str(one["path"]), "control") for one in blocks_in(folder)):
-        remedy = "Name a folder with blocks in it that were run."
         raise PhotogrammetryError(folder, "holds no block that was run.", remedy)
     return Archive(folder)

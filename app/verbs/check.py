@@ -7,7 +7,7 @@ from app.check_plan import PlanWish, plan_checks
 from app.check_plan import told_lines as told_plan
 from app.job_rules import rules_lines
 from app.neighbours import archive_of
-from app.neighbours import told_lines as neighbour_lines
+from app.neighbours_told import told_lines as neighbour_lines
 from app.project import read_project
 from app.run import Run, RunOptions
 from app.sheet_sample import draw_sample

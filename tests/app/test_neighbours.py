@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 import shapely
 
-from app.neighbours import Archive, KnownBlock, archive_of, neighbours_among, told_lines
+from app.neighbours import (
+    Archive,
+    KnownBlock,
+    archive_of,
+    namesakes,
+    neighbours_among,
+)
+from app.neighbours_told import told_lines
 from app.project import Project, read_project
 from core.adjustment.block_adjustment import adjust_block
 from core.errors import PhotogrammetryError
@@ -116,16 +123,34 @@ def test_scans_are_known_by_their_content_or_else_by_name_and_size__truth(
     )
     keep(west, adjust_block(block, report.options), "c")
 
-    def found() -> set[tuple[str, str]]:
-        (pair,) = Archive(archive).figures()["pairs"]
-        return {(r["name"], r["other_name"]) for r in pair["rows"] if r["kind"] == "photo"}
+    asked = Archive(archive)
+
+    def found() -> tuple[set[tuple[str, str]], list[str]]:
+        """Asked again, as the page does: a scan that was changed meanwhile is seen."""
+        (pair,) = asked.figures()["pairs"]
+        pairs = {(r["name"], r["other_name"]) for r in pair["rows"] if r["kind"] == "photo"}
+        return pairs, pair["namesakes"]
 
     other = sorted(tiny_run.photos)[4]
-    assert found() == {(name, "copy"), (other, other)}
+    assert found() == ({(name, "copy"), (other, other)}, [])
     (scans / f"{other}.tif").write_bytes(b"another scan")
-    assert found() == {(name, "copy")}
+    assert found() == ({(name, "copy")}, [other])
+    assert any(
+        f"{other} is in both under one name, but is not the same file" in line
+        for line in told_lines(asked.figures())
+    )
     (scans / f"{other}.tif").unlink()
-    assert found() == {(name, "copy"), (other, other)}
+    assert found() == ({(name, "copy"), (other, other)}, [])
+
+
+def test_photos_of_one_name_are_told_only_where_their_blocks_meet__truth(tiny_run: Tiny) -> None:
+    """Hundreds of blocks number their photos from one."""
+    project = read_project(tiny_run.folder)
+    one, near, far = (known(number, 3, project) for number in (0, 1, 2))
+    near, far = (replace(block, scans=one.scans) for block in (near, far))
+    assert namesakes(one, near, {}) == sorted(one.scans)
+    assert namesakes(one, far, {}) == []
+    assert namesakes(one, near, {name: name for name in one.scans}) == []
 
 
 def test_blocks_that_cannot_be_compared_are_named_in_a_line__truth(archive: Path) -> None:
@@ -140,9 +165,37 @@ def test_blocks_that_cannot_be_compared_are_named_in_a_line__truth(archive: Path
     lines = [line for line in told_lines(figures) if "not compared" in line]
     assert "line 1" in lines[0]
     assert "run it" in lines[1]
-    (archive / "none").mkdir()
-    with pytest.raises(PhotogrammetryError, match="no block that was run"):
-        archive_of(archive / "none")
+
+
+def test_blocks_that_were_not_run_are_counted__truth(archive: Path) -> None:
+    for name in ("new", "newer"):
+        (archive / name).mkdir()
+        shutil.copy(archive / "east" / "block.toml", archive / name)
+    lines = [*told_lines(Archive(archive).figures())]
+    assert "2 blocks are not adjusted yet: run them." in lines
+    shutil.rmtree(archive / "newer")
+    lines = [*told_lines(Archive(archive).figures())]
+    assert "1 block is not adjusted yet: run it." in lines
+
+
+@pytest.mark.parametrize(
+    ("path", "cause"),
+    [
+        ("gone", "does not exist"),
+        ("notes.txt", "is no folder"),
+        ("block", "is a block. Name the folder above it"),
+        ("block/block.toml", "is a block. Name the folder above it"),
+        (".", "holds no block that was run"),
+    ],
+)
+def test_a_folder_without_blocks_says_what_it_is__truth(
+    tmp_path: Path, path: str, cause: str
+) -> None:
+    (tmp_path / "notes.txt").write_text("", encoding="utf-8")
+    (tmp_path / "block").mkdir()
+    (tmp_path / "block" / "block.toml").write_text("", encoding="utf-8")
+    with pytest.raises(PhotogrammetryError, match=cause):
+        archive_of(tmp_path / path)
 
 
 def test_a_block_in_another_crs_is_transformed__truth(archive: Path) -> None:
@@ -165,7 +218,7 @@ def known(number: int, side: int, project: Project) -> KnownBlock:
         for east, north in [(west + row % 10 * 0.1, south + row // 10 * 0.1)]
     }
     scans = {name: (Path(f"{name}.tif"), (12000, 12000)) for name in outlines}
-    return KnownBlock(f"{number}", project, ("", ""), "EPSG:5514", scans, outlines, frozenset())
+    return KnownBlock(f"{number}", project, ("", ""), "EPSG:5514", scans, outlines, frozenset(), {})
 
 
 def test_hundreds_of_blocks_are_sifted_by_an_index__truth(tiny_run: Tiny) -> None:

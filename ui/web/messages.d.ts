@@ -679,6 +679,8 @@ interface NeighbourPair {
   rows: NeighbourRow[];
   /** Shared photos that one of both does not orient. */
   one_sided: string[];
+  /** Photos of one name and size in both whose scans are two files. */
+  namesakes: string[];
   /** Whether both lie on one reference. */
   same: boolean;
 }
@@ -687,6 +689,8 @@ interface Neighbours {
   blocks: number;
   pairs: NeighbourPair[];
   left_out: { path: string; why: Told }[];
+  /** Blocks that no run has brought so far, a number. */
+  unadjusted: number;
 }
 interface Upload {
   name: string;

@@ -3,24 +3,31 @@ import { again, byId, element, number, renew, start, word } from "./words.js";
 
 const SOUGHT = "gruber.sought"; // what the desk that opens next is to show
 const state = {
-  /** Opens a block. */
-  open: /** @type {(path: string) => unknown} */ (() => {}),
-  asked: false,
+  /** Opens a block; whether it does. */
+  open: /** @type {(path: string) => Promise<boolean>} */ (async () => false),
+  asking: false,
+  /** The answer that is shown, as text. */
+  shown: "",
 };
 
-/** @param {(path: string) => unknown} open */
+/** @param {(path: string) => Promise<boolean>} open */
 export function setUpNeighbours(open) {
   state.open = open;
+  // Where this page opens, no desk did.
+  sessionStorage.removeItem(SOUGHT);
 }
 
-/** Compared once the tab is looked at: many blocks take a while. */
+/** Compared when the tab is looked at, what has changed since: many blocks take a while. */
 export async function showNeighbours() {
-  if (state.asked) return;
-  state.asked = true;
-  say(word("neighbours.wait"));
+  if (state.asking) return;
+  state.asking = true;
+  if (!state.shown) say(word("neighbours.wait"));
   const answer = await fetch("/neighbours").catch(() => null);
-  const found = answer?.ok || answer?.status === 409 ? await answer.json() : null;
-  state.asked = Boolean(found && !found.error);
+  const text = answer?.ok || answer?.status === 409 ? await answer.text().catch(() => "") : "";
+  state.asking = false;
+  if (text && text === state.shown) return;
+  const found = text ? JSON.parse(text) : null;
+  state.shown = found && !found.error ? text : "";
   if (!found || found.error) return say(found ? again(found.error) : word("neighbours.broke"));
   draw(found);
 }
@@ -29,13 +36,14 @@ export async function showNeighbours() {
 const say = (text) => renew(byId("neighbours"), element("p", { class: "muted" }, text));
 
 /** @param {Neighbours} found */
-function draw({ blocks, level, pairs, left_out: left }) {
+function draw({ blocks, level, pairs, left_out: left, unadjusted: count }) {
   const told = pairs.filter((pair) => pair.told).length;
   const about = word("neighbours.about", { blocks, pairs: pairs.length, told, odds: 1 / level });
   renew(byId("neighbours"), element("p", {}, about),
     element("p", { class: "muted" }, word("neighbours.how")),
     ...left.map(({ path, why }) => element("p", { class: "doubted" },
       word("neighbours.left", { path, why: again(why) }))),
+    ...count ? [element("p", { class: "muted" }, word("neighbours.unadjusted", { count }))] : [],
     ...pairs.length ? [element("table", {}, head(), ...pairs.map(pairPart))] : []);
 }
 
@@ -44,7 +52,7 @@ const head = () => element("thead", {}, element("tr", {},
     element("th", { title: word(`neighbours.${name}.tip`) }, word(`neighbours.${name}`)))));
 
 /** @param {NeighbourPair} pair */
-function pairPart({ one, other, rows, told, why, one_sided: sides, same }) {
+function pairPart({ one, other, rows, told, why, one_sided: sides, namesakes, same }) {
   const held = ["photo", "point"].flatMap((of) => {
     const count = rows.filter(({ kind }) => kind === of).length;
     return count ? [word(`neighbours.holds.${of}s`, { count })] : [];
@@ -54,6 +62,7 @@ function pairPart({ one, other, rows, told, why, one_sided: sides, same }) {
     ...held,
     ...same ? [] : [word("neighbours.references")],
     ...sides.length ? [word("neighbours.sides", { photos: sides.join(", ") })] : [],
+    ...namesakes.map((photo) => word("neighbours.namesake", { photo })),
   ];
   const title = element("tr", { class: told || why ? "held bad" : "held" },
     element("th", { colspan: 6, scope: "rowgroup" }, `${one} \u2013 ${other}`,
@@ -89,9 +98,9 @@ function details({ kind, shift_m: shift, shift_sigma_m: sigmas, turn_deg: turns,
 }
 
 /** @param {string} path @param {string} kind @param {string} name */
-function go(path, kind, name) {
+async function go(path, kind, name) {
   sessionStorage.setItem(SOUGHT, JSON.stringify({ kind, name }));
-  state.open(path);
+  if (!await state.open(path)) sessionStorage.removeItem(SOUGHT);
 }
 
 /** What was clicked on a page before this desk, once: as a place in the queue. */

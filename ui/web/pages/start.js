@@ -177,15 +177,14 @@ async function unlink(name) {
   load();
 }
 
-/** @param {string} path */
+/** True when a folder takes the place of this page. @param {string} path */
 async function open(path) {
   const asks = await isRunning() && !state.leaving;
   state.leaving = asks;
-  if (asks) return tell(word("start.stop"), true, "/open");
-  const answer = await post("/open", { path });
-  if (!answer.ok) return tell(answer.error, true, "/open");
-  tell(word("start.opening"));
-  lookAgain();
+  const answer = asks ? { ok: false, error: word("start.stop") } : await post("/open", { path });
+  tell(answer.ok ? word("start.opening") : answer.error, !answer.ok, answer.ok ? "" : "/open");
+  if (answer.ok) lookAgain();
+  return answer.ok;
 }
 
 /** Files go one after the other, whenever they were dropped. @param {[string, File][]} files */
