@@ -28,7 +28,7 @@ def told(*rows: dict[str, Any], **more: Any) -> list[str]:
         (["differ", "disagree"], "! east and west disagree: 2 photos"),
     ],
 )
-def test_a_pair_is_told_by_its_gravest_verdict(verdicts: list[str], begin: str) -> None:
+def test_a_pair_is_told_by_its_gravest_verdict__truth(verdicts: list[str], begin: str) -> None:
     lines = told(*(row(verdict, 1.0 + n, 2.0 + n) for n, verdict in enumerate(verdicts)))
     assert lines[0].startswith(begin)
     assert lines[0].endswith("largest difference 2.00 m, 0.50 m predicted")
@@ -37,12 +37,12 @@ def test_a_pair_is_told_by_its_gravest_verdict(verdicts: list[str], begin: str) 
     )
 
 
-def test_what_drops_out_is_told_by_photo() -> None:
+def test_what_drops_out_is_told_by_photo__truth() -> None:
     lines = told(row("agree", 0.1, 0.2), one_sided=["a", "b"], namesakes=["c"])
     assert "only one of both orients a, b" in lines[1]
     assert lines[2].strip().startswith("c is in both under one name, but is not the same file")
 
 
-def test_what_is_not_compared_is_told() -> None:
+def test_what_is_not_compared_is_told__truth() -> None:
     assert "nothing is predicted" in told(row("unknown", 1.0, None))[0]
     assert told(why=Said("Run it.", {}))[0] == "! east and west: Run it."

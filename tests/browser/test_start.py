@@ -292,6 +292,18 @@ def test_what_neighbours_share_is_compared_and_leads_to_the_photo__truth(
         page.click('[data-tab="neighbours"]')
         page.wait_for_selector("#neighbours tr.agree")
         assert "0 disagree" in page.inner_text("#neighbours")
+        # Chosen again, the tab knows what has changed since; what does not open is not sought.
+        assert "not adjusted" not in page.inner_text("#neighbours")
+        (tmp_path / "many" / "new").mkdir()
+        shutil.copy(tiny_run.folder / "block.toml", tmp_path / "many" / "new")
+        page.click('[data-tab="film"]')
+        page.click('[data-tab="neighbours"]')
+        page.wait_for_selector("#neighbours :text('1 block is not adjusted yet: run it.')")
+        (tmp_path / "many" / "other").rename(tmp_path / "many" / "away")
+        page.click(f"#neighbours tr.agree:has-text('{photo}') button:has-text('other')")
+        page.wait_for_selector(".notice.grave:has-text('is no folder')")
+        page.wait_for_function("() => !sessionStorage.getItem('gruber.sought')")
+        (tmp_path / "many" / "away").rename(tmp_path / "many" / "other")
         row = page.locator(f"#neighbours tr.agree:has-text('{photo}')")
         assert row.locator(".value").all_inner_texts()[0] == "0.00"
         row.locator("button:has-text('other')").click()
