@@ -240,9 +240,10 @@ def namesakes(one: KnownBlock, other: KnownBlock, photos: Mapping[str, str]) -> 
     """
     known = {*photos, *photos.values()}
     alike = sorted(
-        name for name, (_, pixels) in one.scans.items()
+        name
+        for name, (_, pixels) in one.scans.items()
         if name not in known and name in other.scans and other.scans[name][1] == pixels
-    )  # fmt: skip
+    )
     if not alike:
         return []
     tree = shapely.STRtree([*other.outlines.values()])
@@ -257,8 +258,14 @@ def _bytes_of(scans: Mapping[str, tuple[Path, tuple[int, int]]]) -> dict[str, in
 def _compared(one: KnownBlock, other: KnownBlock) -> Figures:
     """Figures of one pair; `why` says why it could not be compared."""
     named: dict[str, Any] = {"one": one.path, "other": other.path, "why": "", "told": 0}
-    blank = {"rows": [], "one_sided": [], "namesakes": [], "measurements": 0, "correlation": 0.0,
-             "same": True}  # fmt: skip
+    blank = {
+        "rows": [],
+        "one_sided": [],
+        "namesakes": [],
+        "measurements": 0,
+        "correlation": 0.0,
+        "same": True,
+    }
     try:
         return {**named, **blank, **json_value(_pair_figures(one, other))}
     except PhotogrammetryError as error:

@@ -31,11 +31,12 @@ def _pair_lines(pair: Figures) -> Iterator[str]:
     if pair["why"]:
         yield say("! {one} and {other}: {why}", one=one, other=other, why=pair["why"])
     counts = {kind: sum(row["kind"] == kind for row in pair["rows"]) for kind in ROW_TOLD}
+    differs = any(row["verdict"] == "differ" for row in pair["rows"])
     known = [row for row in pair["rows"] if row["ratio"] is not None]
     if known:
         worst = max(known, key=lambda row: row["ratio"])
         yield say(
-            _pair_told(pair),
+            DISAGREE if pair["told"] else DIFFER if differs else AGREE,
             one=one, other=other, photos=counts["photo"], points=counts["point"],
             length=worst["length_m"], sigma=worst["sigma_m"],
         )  # fmt: skip
@@ -52,13 +53,6 @@ def _pair_lines(pair: Figures) -> Iterator[str]:
         yield say("  only one of both orients {photos}", photos=pair["one_sided"])
     for photo in pair["namesakes"]:
         yield say(NAMESAKE, photo=photo)
-
-
-def _pair_told(pair: Figures) -> str:
-    """The sentence of the gravest verdict."""
-    if pair["told"]:
-        return DISAGREE
-    return DIFFER if any(row["verdict"] == "differ" for row in pair["rows"]) else AGREE
 
 
 DISAGREE = (

@@ -9,13 +9,26 @@ from core.said import Said
 
 
 def row(verdict: str, length_m: float, ratio: float | None) -> dict[str, Any]:
-    return {"kind": "photo", "name": f"p{length_m:.0f}", "length_m": length_m, "sigma_m": 0.5,
-            "ratio": ratio, "verdict": verdict}  # fmt: skip
+    return {
+        "kind": "photo",
+        "name": f"p{length_m:.0f}",
+        "length_m": length_m,
+        "sigma_m": 0.5,
+        "ratio": ratio,
+        "verdict": verdict,
+    }
 
 
 def told(*rows: dict[str, Any], **more: Any) -> list[str]:
-    pair = {"one": "east", "other": "west", "why": "", "rows": rows, "one_sided": [],
-            "told": sum(one["verdict"] == "disagree" for one in rows), "namesakes": []}  # fmt: skip
+    pair = {
+        "one": "east",
+        "other": "west",
+        "why": "",
+        "rows": rows,
+        "one_sided": [],
+        "told": sum(one["verdict"] == "disagree" for one in rows),
+        "namesakes": [],
+    }
     figures = {"blocks": 2, "level": 0.001, "left_out": [], "unadjusted": 0, "pairs": [pair | more]}
     return [*told_lines(figures)]
 
