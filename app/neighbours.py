@@ -168,9 +168,10 @@ def _known_block(
         return NO_ADJUSTMENT
     block = report.block
     outlines = {
-        name: outline for name, photo in block.photos.items()
+        name: outline
+        for name, photo in block.photos.items()
         if (outline := _in_degrees(footprint(photo, block.camera_of(name)), block.crs)) is not None
-    }  # fmt: skip
+    }
     if not outlines:
         return NOWHERE
     points = frozenset(
@@ -194,8 +195,9 @@ def neighbours_among(blocks: Sequence[KnownBlock]) -> list[tuple[KnownBlock, Kno
     """
     grounds = [shapely.union_all([*block.outlines.values()]) for block in blocks]
     tree = shapely.STRtree(grounds)
-    pairs = {(one, other) for one, other in tree.query(grounds, "intersects").T.tolist()
-             if one < other}  # fmt: skip
+    pairs = {
+        (one, other) for one, other in tree.query(grounds, "intersects").T.tolist() if one < other
+    }
     holders: dict[tuple[str, tuple[int, int]], list[int]] = {}
     for number, block in enumerate(blocks):
         for name, (_, size) in block.scans.items():
@@ -215,8 +217,9 @@ def shared_photos(one: KnownBlock, other: KnownBlock) -> dict[str, str]:
     common = set(one.held.values()) & set(other.held.values())
     there = {
         content_of(other.scans[name][0]): name
-        for name, size in other.held.items() if size in common
-    }  # fmt: skip
+        for name, size in other.held.items()
+        if size in common
+    }
     found: dict[str, str] = {}
     for name, (path, pixels) in one.scans.items():
         match = there.get(content_of(path)) if one.held.get(name) in common else None
@@ -287,10 +290,13 @@ def _pair_figures(one: KnownBlock, other: KnownBlock) -> dict[str, Any]:
     reports = _report(one), _report(other)
     points = compare_points(reports[0], reports[1], moved, sigma)
     ground = None if photos else _common_ground((one, other), moved, sigma)
-    whole = Comparison(found.photos, points, ground, found.measurements, found.correlation,
-                       found.one_sided)  # fmt: skip
-    limits = [release_limit_m(report.block, block.project.rules)
-              for report, block in zip(reports, (one, other), strict=True)]  # fmt: skip
+    whole = Comparison(
+        found.photos, points, ground, found.measurements, found.correlation, found.one_sided
+    )
+    limits = [
+        release_limit_m(report.block, block.project.rules)
+        for report, block in zip(reports, (one, other), strict=True)
+    ]
     rows = list(_rows(whole, min(limits)))
     return {
         "rows": rows,

@@ -22,8 +22,11 @@ def told_lines(figures: Figures) -> Iterable[str]:
     yield say(
         "{blocks:# block|# blocks}, {pairs:# pair|# pairs} with something in common, "
         "{told} told apart (a pair of sound blocks in {odds:.0f} is)",
-        blocks=figures["blocks"], pairs=pairs, told=told, odds=1 / figures["level"],
-    )  # fmt: skip
+        blocks=figures["blocks"],
+        pairs=pairs,
+        told=told,
+        odds=1 / figures["level"],
+    )
 
 
 def _pair_lines(pair: Figures) -> Iterator[str]:
@@ -37,18 +40,25 @@ def _pair_lines(pair: Figures) -> Iterator[str]:
         worst = max(known, key=lambda row: row["ratio"])
         yield say(
             DISAGREE if pair["told"] else DIFFER if differs else AGREE,
-            one=one, other=other, photos=counts["photo"], points=counts["point"],
-            length=worst["length_m"], sigma=worst["sigma_m"],
-        )  # fmt: skip
+            one=one,
+            other=other,
+            photos=counts["photo"],
+            points=counts["point"],
+            length=worst["length_m"],
+            sigma=worst["sigma_m"],
+        )
     elif pair["rows"]:
-        yield say("? {one} and {other}: nothing is predicted of what both hold", one=one,
-                  other=other)  # fmt: skip
+        yield say(
+            "? {one} and {other}: nothing is predicted of what both hold", one=one, other=other
+        )
     for row in pair["rows"]:
         if row["verdict"] == "disagree":
             yield say(
-                ROW_TOLD[row["kind"]], name=row["name"],
-                length=row["length_m"], sigma=row["sigma_m"],
-            )  # fmt: skip
+                ROW_TOLD[row["kind"]],
+                name=row["name"],
+                length=row["length_m"],
+                sigma=row["sigma_m"],
+            )
     if pair["one_sided"]:
         yield say("  only one of both orients {photos}", photos=pair["one_sided"])
     for photo in pair["namesakes"]:

@@ -162,14 +162,12 @@ def judged_lot(
         lot for one, lot in zip(drawn[:-1], lots, strict=False) if sample_of(one).lot == sample.lot
     ]
     names = {one.sheet.name for one in newest.sheets}
-    replaced = {
-        one.sheet.name for lot in earlier for one in lot.sheets if one.state != "open"
-    } - names  # fmt: skip
+    judged = {one.sheet.name for lot in earlier for one in lot.sheets if one.state != "open"}
     as_drawn = sample.lot == lot_digest(sheets) and is_unchanged(sample)
     return replace(
         newest,
         changed=not as_drawn or sample.plan != smallest_plan(sample.plan.lot, rules),
-        replaced=len(replaced),
+        replaced=len(judged - names),
         rejected=sum(lot.state == "rejected" for lot in earlier),
     )
 

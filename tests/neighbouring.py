@@ -20,9 +20,10 @@ def part_of(block, names, points=None):
     point = np.unique(ties.point[kept], return_inverse=True)[1]
     rays = TiePoints(tuple(own), point, photo, ties.pixels[kept], ties.sigma_px[kept])
     measured = {
-        key: one for key, one in block.measurements.items()
+        key: one
+        for key, one in block.measurements.items()
         if key[1] in names and (points is None or key[0] in points)
-    }  # fmt: skip
+    }
     shown = {key[0] for key in measured}
     surveyed = {name: one for name, one in block.surveyed.items() if name in shown}
     photos = {name: block.photos[name] for name in own}

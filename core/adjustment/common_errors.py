@@ -76,9 +76,10 @@ class CommonErrors:
             for block in self._both
         )
         known = {
-            name: there for name, there in photos.items()
+            name: there
+            for name, there in photos.items()
             if name in self._numbers[0] and there in self._numbers[1]
-        }  # fmt: skip
+        }
         rows = [(self._numbers[0][name], self._numbers[1][there]) for name, there in known.items()]
         points = _same_points(one, other) if same_axes else _as_pairs([])
         self._rays = (_same_control(one, other, rows, points), _same_ties(one, other, rows))
@@ -121,13 +122,11 @@ class CommonErrors:
         ]
         rows[1] = _turned(rows[1], turn)
         moves = [
-            block.equations.cofactors(row).T
-            for block, row in zip(self._both, rows, strict=True)
-        ]  # fmt: skip
+            block.equations.cofactors(row).T for block, row in zip(self._both, rows, strict=True)
+        ]
         own = [
-            unit**2 * row @ move.T
-            for unit, row, move in zip(self._units, rows, moves, strict=True)
-        ]  # fmt: skip
+            unit**2 * row @ move.T for unit, row, move in zip(self._units, rows, moves, strict=True)
+        ]
         common = np.zeros_like(own[0])
         for one, other, correlation in self._observations():
             common += correlation * (moves[0] @ one.T) @ (moves[1] @ other.T).T
@@ -200,8 +199,9 @@ def _same_control(
     found: list[tuple[int, int]] = []
     for here, other_photo in photos:
         second = other.solution.network.rays.point
-        rays = {int(second[ray]): ray for ray in
-                _taking_part(other, other_photo, ties=False).tolist()}  # fmt: skip
+        rays = {
+            int(second[ray]): ray for ray in _taking_part(other, other_photo, ties=False).tolist()
+        }
         for ray in _taking_part(one, here, ties=False).tolist():
             match = rays.get(there.get(int(one.solution.network.rays.point[ray]), -1))
             if match is not None:

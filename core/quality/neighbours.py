@@ -203,9 +203,10 @@ def compare_photos(
             against each other, metres; 0 where they are the same.
     """
     oriented = {
-        name: there for name, there in names.items()
+        name: there
+        for name, there in names.items()
         if one.report.block.photos[name].oriented and other.report.block.photos[there].oriented
-    }  # fmt: skip
+    }
     one_sided = tuple(name for name in names if name not in oriented)
     if not oriented or one.influence is None or other.influence is None:
         return Comparison(one_sided=one_sided)
@@ -222,9 +223,7 @@ def compare_photos(
         if (found := _compare_photo(one, other, pair, (common, moved, reference_sigma_m)))
     ]
     shared.sort(key=lambda photo: photo.difference.chance)
-    return Comparison(
-        tuple(shared), (), None, common.measurements, common.correlation, one_sided
-    )  # fmt: skip
+    return Comparison(tuple(shared), (), None, common.measurements, common.correlation, one_sided)
 
 
 def _compare_photo(
@@ -371,14 +370,21 @@ def _worst(difference: Difference) -> tuple[bool, float]:
 def _computed(report: AdjustmentReport) -> dict[str, _Computed]:
     """Points of the user with what the block makes of them; those the program found are not."""
     known = {
-        name: point for name, point in report.block.surveyed.items()
+        name: point
+        for name, point in report.block.surveyed.items()
         if point.source in ("surveyed", "hand")
-    }  # fmt: skip
+    }
     found = {
-        name: _Computed("control", position, report.surveyed_sigmas_m.get(name),
-                        known[name].position, known[name].sigma_m)
-        for name, position in report.surveyed_positions.items() if name in known
-    }  # fmt: skip
+        name: _Computed(
+            "control",
+            position,
+            report.surveyed_sigmas_m.get(name),
+            known[name].position,
+            known[name].sigma_m,
+        )
+        for name, position in report.surveyed_positions.items()
+        if name in known
+    }
     for check in report.checks:
         if check.point_id in known:
             given = known[check.point_id]
@@ -398,10 +404,12 @@ def _variances(
     # What a block took over as it was given has no error of its own.
     one, other = (np.where(s > 0, s, np.nan) ** 2 for s in (first.sigma_m, second.sigma_m))
     same = (
-        moved is None and first.role == second.role == "control"
-        and first.given is not None and second.given is not None
+        moved is None
+        and first.role == second.role == "control"
+        and first.given is not None
+        and second.given is not None
         and bool(np.all(np.abs(first.given - second.given) < SAME_PLACE_M))
-    )  # fmt: skip
+    )
     if not same or first.given_sigma_m is None:
         return one + other
     given = first.given_sigma_m**2

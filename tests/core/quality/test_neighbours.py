@@ -92,9 +92,7 @@ def test_common_measurements_are_not_counted_twice__truth():
     }
     ties = other.report.block.ties
     pixels = ties.pixels + noise.normal(size=ties.pixels.shape) * 0.5
-    again = replace(
-        other.report.block, measurements=measured, ties=replace(ties, pixels=pixels)
-    )  # fmt: skip
+    again = replace(other.report.block, measurements=measured, ties=replace(ties, pixels=pixels))
     apart = compare_photos(one, adjusted(again), names)
     # Each has its noise, and half of the difference's is common.
     assert apart.correlation == pytest.approx(0.5, abs=0.15)
@@ -188,11 +186,18 @@ def test_control_that_both_take_over_is_common__truth(pair):
     """Given coordinates draw both blocks to the same place."""
     one, other, _ = pair
     sides = [
-        replace(side.report, block=replace(side.report.block, surveyed={
-            name: replace(point, source="surveyed")
-            for name, point in side.report.block.surveyed.items()}))
+        replace(
+            side.report,
+            block=replace(
+                side.report.block,
+                surveyed={
+                    name: replace(point, source="surveyed")
+                    for name, point in side.report.block.surveyed.items()
+                },
+            ),
+        )
         for side in (one, other)
-    ]  # fmt: skip
+    ]
     shared = compare_points(*sides)
     both = [point for point in shared if point.roles == ("control", "control")]
     assert len(both) > 5
