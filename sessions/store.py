@@ -264,10 +264,14 @@ class Store:
                     _take(step, transaction)
 
     def _clear_up(self) -> None:
-        """Take away the empty journal of who was killed before it was filled; SQLite leaves it."""
-        journal = Path(f"{self.path}-journal")
+        """Take away the journal of who was killed before its head was written; SQLite leaves it.
+
+        Nothing was changed in the file by then: the head comes first.
+        """
         with suppress(FileNotFoundError, sqlite3.OperationalError):
-            if journal.stat().st_size == 0:
+            with Path(f"{self.path}-journal").open("rb") as journal:
+                head = journal.read(1)
+            if head in (b"", b"\0"):
                 # A write of what stands there already; its end takes the journal away.
                 number = self._connection.execute("PRAGMA user_version").fetchone()[0]
                 self._connection.execute(f"PRAGMA user_version = {number}")

@@ -148,11 +148,14 @@ for number in range(10_000):
             file.close()
 
 
-def test_an_empty_journal_of_who_was_killed_is_taken_away__law(tmp_path: Path) -> None:
+@pytest.mark.parametrize("left", [b"", bytes(512) + b"pages"])
+def test_the_journal_of_who_was_killed_at_once_is_taken_away__law(
+    tmp_path: Path, left: bytes
+) -> None:
     path = tmp_path / "session.gpkg"
     Store.open(path).close()
     journal = tmp_path / "session.gpkg-journal"
-    journal.touch()
+    journal.write_bytes(left)
     before = path.stat().st_size
     Store.open(path).close()
     assert not journal.exists()

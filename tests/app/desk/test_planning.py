@@ -4,6 +4,7 @@ import asyncio
 import json
 import shutil
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from app.desk import planning
 from app.desk.messages import Measured
 from app.desk.planning import plan_route, sample_route
 from core.errors import Cancelled
+from sessions.checks import version_on_disk
 from sessions.decisions import DrawSheets, PlanChecks
 from sessions.session import Session
 from sessions.sheet_samples import standing_samples
@@ -111,7 +113,8 @@ def test_a_sample_of_sheets_goes_to_the_loop_or_says_why_not__law(
     assert status == 409
     assert "no map sheets yet" in said
     with Session.open(folder, "ada") as session:
-        session.products.save_value("sheets", "0" * 64, LOT)
+        lot = replace(LOT, mosaic=version_on_disk(session.products))
+        session.products.save_value("sheets", "0" * 64, lot)
     assert drawn(guest=True)[0] == 403
     assert handed == []
     assert drawn(guest=False) == (200, '{"sheets":15}')

@@ -233,7 +233,7 @@ def test_a_place_nowhere_is_no_gesture__truth(place: list[object]) -> None:
         assert gesture_from_message("s", message) is None
 
 
-def test_places_that_are_likely_wrong_are_told_worst_first__law(desk: DeskSnapshot) -> None:
+def test_places_that_are_likely_wrong_are_told_in_their_order__law(desk: DeskSnapshot) -> None:
     east, north = middle_of(desk)
     rows: tuple[tuple[Kind, tuple[str, ...], float], ...] = (
         ("seam", (WEST, EAST), 3.0), ("reference", (EAST,), 1.5), ("ties", (WEST,), 4.0),
@@ -246,10 +246,10 @@ def test_places_that_are_likely_wrong_are_told_worst_first__law(desk: DeskSnapsh
     assert mosaic is not None
     shown = replace(desk, state=replace(desk.state, mosaic=replace(mosaic, misfit=places)))
     told = mosaic_part(shown)["misfits"]
-    assert [one["significant"] for one in told] == [True, True, False]
-    assert [one["photos"] for one in told] == [[WEST], [WEST, EAST], [EAST]]
-    assert [one["kind"] for one in told] == ["ties", "seam", "reference"]
-    assert [one["length"] for one in told] == [4.0, 3.0, 1.5]
+    assert [one["significant"] for one in told] == [True, False, True]
+    assert [one["photos"] for one in told] == [[WEST, EAST], [EAST], [WEST]]
+    assert [one["kind"] for one in told] == ["seam", "reference", "ties"]
+    assert [one["length"] for one in told] == [3.0, 1.5, 4.0]
     assert told[0]["predicted"] == 0.5
 
 
