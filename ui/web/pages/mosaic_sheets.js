@@ -123,9 +123,13 @@ export function sheetSide(found, acts) {
       state.drafts.set(sheet.name, /** @type {HTMLInputElement} */ (target).value);
     },
     onkeydown: (/** @type {KeyboardEvent} */ event) => {
-      if (event.code === "Enter") say(false);
-      else if (event.code === "Escape") /** @type {HTMLElement} */ (event.target).blur();
-      else return;
+      if (event.code !== "Enter" && event.code !== "Escape") return;
+      // Keys are of the sheets again; without words the field keeps them, and asks for some.
+      if (event.code === "Escape") /** @type {HTMLElement} */ (event.target).blur();
+      else {
+        byId("sheet-bad").focus();
+        say(false);
+      }
       event.preventDefault();
       event.stopPropagation();
     } });
