@@ -202,9 +202,12 @@ def _errors(given: BlockInput, report: AdjustmentReport, dem: Dem) -> BlockError
 
 
 def level_sigma_m(report: AdjustmentReport, level: Dem) -> float:
-    """How far the ground lies from level ground that stands for a DEM, by the ties, metres."""
+    """How far the ground lies from level ground that stands for a DEM, by the ties, metres.
+
+    Without ties nobody knows: NaN, and no misfit is judged by it.
+    """
     ties = report.tie_positions[np.isfinite(report.tie_positions).all(axis=1)]
-    return robust_sigma(ties[:, 2] - level.heights(ties[:, :2])) if len(ties) else 0.0
+    return robust_sigma(ties[:, 2] - level.heights(ties[:, :2])) if len(ties) else float("nan")
 
 
 def _overlap(mosaic: Path, files: ReferenceFiles) -> bool:

@@ -43,7 +43,7 @@ from core.quality.neighbours import (
 from core.quality.rules import release_limit_m
 from core.said import Said, say
 from sessions.products import Products, content_of
-from sessions.session import HIDDEN
+from sessions.session import products_of
 
 Figures = Mapping[str, Any]
 KEPT_BLOCKS = 6
@@ -76,8 +76,7 @@ class KnownBlock:
     @property
     def products(self) -> Products:
         """Where its products lie."""
-        folder = self.project.folder
-        return Products(folder / HIDDEN / "products", folder)
+        return products_of(self.project.folder)
 
     @property
     def references(self) -> frozenset[tuple[str, int]]:
@@ -140,7 +139,7 @@ class Archive:
     def _read(self, path: str) -> KnownBlock | Said:
         """What is kept of one block, or why it is not compared."""
         folder = self.folder / path
-        products = Products(folder / HIDDEN / "products", folder.resolve())
+        products = products_of(folder.resolve())
         digests = products.latest_digest("adjustment"), products.latest_digest("misfit")
         state = digests, _changed(folder)
         if path in self._known and self._known[path][0] == state:
@@ -157,7 +156,7 @@ class Archive:
 
 def _changed(folder: Path) -> int:
     """When the settings of a block were written."""
-    return (folder / "block.toml").stat().st_mtime_ns
+    return (folder / FILE).stat().st_mtime_ns
 
 
 def _known_block(

@@ -48,6 +48,11 @@ RESULTS = "results"
 """Folder of what the user takes away."""
 
 
+def products_of(folder: Path) -> Products:
+    """What the stages of a block made; its folder need not be opened to read it."""
+    return Products(folder / HIDDEN / "products", folder)
+
+
 class Session:
     """One operator's door to a block's memory; used by one thread at a time.
 
@@ -57,7 +62,7 @@ class Session:
     def __init__(self, folder: Path, operator: str, store: Store) -> None:
         self.folder = folder
         self.operator = operator
-        self.products = Products(folder / HIDDEN / "products", folder)
+        self.products = products_of(folder)
         self.results = folder / RESULTS
         self._store = store
         self._known: list[Recorded] = []

@@ -14,6 +14,7 @@ from app.project import read_project
 from app.sheet_sample import draw_sample
 from core.errors import Cancelled, PhotogrammetryError
 from sessions.session import Session
+from sessions.sheet_samples import sample_of, standing_samples
 from ui.review.state import Notice
 from ui.web.front import as_json
 from ui.web.running import operators_only, told
@@ -75,14 +76,21 @@ def plan_route(folder: Path, hand_in: Callable[[Measured], None]) -> web.RouteDe
 
 
 def sample_route(folder: Path, hand_in: Callable[[Measured], None]) -> web.RouteDef:
-    """Draws a sample of the map sheets and hands the decision to the loop."""
+    """Draws a sample of the map sheets and hands the decision to the loop.
+
+    `seen` is the digest of the sample that it replaces: nobody replaces one that is not shown.
+    """
 
     async def draw(request: web.Request) -> web.StreamResponse:
         operators_only(request)
-        seat = request.query.get("seat", "")
+        seat, seen = request.query.get("seat", ""), request.query.get("seen", "")
 
         def drawn() -> dict[str, int]:
             with Session.open(folder, "") as session:
+                others = standing_samples(session.decisions())
+                if seen != (sample_of(others[-1]).digest if others else ""):
+                    cause = "has another sample of its map sheets by now; none was drawn."
+                    raise PhotogrammetryError(folder, cause, "Look at it first.")
                 sample = draw_sample(read_project(folder), session)
             notice = Notice("notice.sampled", {"count": f"{sample.count}"})
             hand_in(Measured(seat, sample, notice))

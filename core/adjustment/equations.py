@@ -185,18 +185,22 @@ class GroundShifts:
         return found
 
 
+def nine_places(frame_mm: tuple[float, float]) -> Float64[np.ndarray, "9 2"]:
+    """Three by three places over a frame, upper left to lower right, millimetres on the film."""
+    line = REACH * np.array([-1.0, 0.0, 1.0])
+    return np.array([(x, y) for y in line[::-1] for x in line]) * (np.array(frame_mm) / 2)
+
+
 def ground_shifts_of(network: Network, state: State) -> GroundShifts:
     """The nine places of every photo of a network: three by three over the frame.
 
     Of a film point (f = const) at fixed height: dX = f_C,plan^-1 (f_C dC + f_w dw + f_c dc).
     """
     count = len(network.photos)
-    line = REACH * np.array([-1.0, 0.0, 1.0])
-    grid = np.array([(x, y) for y in line[::-1] for x in line])
-    half = np.array([np.array(camera.frame_mm) / 2 for camera in network.cameras])[network.camera]
+    places = np.array([nine_places(camera.frame_mm) for camera in network.cameras])
     distance = state.constants[network.camera, 0]
     image = np.empty((count, PLACES, 3))
-    image[:, :, :2] = grid * half[:, None]
+    image[:, :, :2] = places[network.camera]
     image[:, :, 2] = -distance[:, None]
     direction = image @ np.swapaxes(state.rotations, 1, 2)
     ground = np.array([photo.ground_height_m for photo in network.photos])

@@ -286,6 +286,7 @@ def _local_scatter(vectors: MisfitVectors) -> float:
     apart = vectors.shifts_m[pairs[:, 0]] - vectors.shifts_m[pairs[:, 1]]
     right = np.minimum(vectors.probabilities[pairs], MOST_SURE).prod(axis=1)
     noise = np.square(vectors.sigmas_m[pairs]).sum(axis=1)
+    # design: what scatters by more than a quarter of the search tells no shift.
     scatters = np.linspace(0.0, SEARCH_M / 4, STEPS)
     spread = noise + 2 * scatters[:, None] ** 2
     agreed = np.exp(-0.5 * np.sum(apart**2, axis=1) / spread) / (2 * np.pi * spread)

@@ -17,9 +17,9 @@ from scipy.special import chdtrc
 
 from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.common_errors import CommonErrors
-from core.adjustment.equations import PLACES, REACH
+from core.adjustment.equations import PLACES, nine_places
 from core.adjustment.influence import Influence
-from core.arrays import ObjectPoints, PixelPoints, Position, Scalars
+from core.arrays import ObjectPoints, Position, Scalars
 from core.block import ground_of
 from core.geometry.crs import SAME_PLACE_M
 from core.geometry.exterior import turn_between
@@ -236,7 +236,7 @@ def _compare_photo(
     blocks = one.report.block, other.report.block
     photos = tuple(block.photos[name] for block, name in zip(blocks, names, strict=True))
     cameras = tuple(block.camera_of(name) for block, name in zip(blocks, names, strict=True))
-    pixels = _nine_pixels(blocks[0].photos[names[0]].interior.pixel_from_film, cameras[0].frame_mm)
+    pixels = photos[0].interior.pixel_from_film(nine_places(cameras[0].frame_mm))
     # Heights are those of the first: two blocks may take the ground for level at another height.
     heights = np.full(PLACES, photos[0].ground_height_m)
     here = ground_of(photos[0], cameras[0], pixels)
@@ -263,15 +263,6 @@ def _compare_photo(
         turn=turn_between(rotations[0], turn @ rotations[1]),
         turn_sigma=sigmas[3:],
     )
-
-
-def _nine_pixels(
-    pixel_from_film: Callable[[PixelPoints], PixelPoints], frame_mm: tuple[float, float]
-) -> PixelPoints:
-    """Three by three places over the frame, as `GroundShifts` has them."""
-    line = REACH * np.array([-1.0, 0.0, 1.0])
-    grid = np.array([(x, y) for y in line[::-1] for x in line])
-    return pixel_from_film(grid * np.array(frame_mm) / 2)
 
 
 def _axes_at(place: Position, moved: Moved | None) -> tuple[Float64[np.ndarray, "3 3"], float]:

@@ -54,6 +54,14 @@ def cut(run_folder: Any) -> None:
         session.products.save_value("sheets", "0" * 64, lot)
 
 
+def samples_of(desk: RealDesk, sit_at: Sit) -> Any:
+    """A page that shows the samples of a desk."""
+    page = sit_at(desk.desk.url, scene=False)
+    settled(page)
+    open_samples(page)
+    return page
+
+
 def open_samples(page: Any) -> None:
     page.keyboard.press("b")
     page.wait_for_selector("#quality[open] [data-part=samples]", timeout=PATIENCE_MS)
@@ -92,9 +100,7 @@ def shows_sheet(page: Any, name: str) -> None:
 def test_a_drawn_sheet_fills_the_picture_of_the_mosaic__law(
     cut: None, real_desk: RealDesk, sit_at: Sit
 ) -> None:
-    page = sit_at(real_desk.desk.url, scene=False)
-    settled(page)
-    open_samples(page)
+    page = samples_of(real_desk, sit_at)
     page.dblclick("#samples-draw")
     page.wait_for_selector("#samples-verdict.grave1", timeout=PATIENCE_MS)
     caught_up(page)
@@ -122,9 +128,7 @@ def test_a_drawn_sheet_fills_the_picture_of_the_mosaic__law(
 def test_a_lot_is_judged_and_rejected_by_pointer__law(
     cut: None, real_desk: RealDesk, sit_at: Sit
 ) -> None:
-    page = sit_at(real_desk.desk.url, scene=False)
-    settled(page)
-    open_samples(page)
+    page = samples_of(real_desk, sit_at)
     names = [one.name for one in draw(page, real_desk).sheets]
     open_sheet(page, names[1])
     page.click("#sheet-good")
@@ -150,6 +154,10 @@ def test_a_lot_is_judged_and_rejected_by_pointer__law(
     page.click("#mosaic-close")
     open_samples(page)
     page.wait_for_selector("#samples-verdict.grave2:has-text('2')")
+    # Another draw is asked about first, and does not make a rejected lot good.
+    page.click("#samples-draw")
+    page.wait_for_selector("#samples-draw:has-text('3 judged sheets stop counting')")
+    assert len(told(real_desk, DrawSheets)) == 1
     assert page.locator("[data-part=verdict] li:has-text('rejected')").count() == 1
     assert page.locator("tr[data-rule=sheets] b.grave2").count() == 1
     said = [(one.sheet, one.good, one.words) for one in told(real_desk, JudgeSheet)]
@@ -159,9 +167,7 @@ def test_a_lot_is_judged_and_rejected_by_pointer__law(
 def test_a_lot_is_gone_through_and_accepted_by_keys__law(
     cut: None, real_desk: RealDesk, sit_at: Sit
 ) -> None:
-    page = sit_at(real_desk.desk.url, scene=False)
-    settled(page)
-    open_samples(page)
+    page = samples_of(real_desk, sit_at)
     names = [one.name for one in draw(page, real_desk).sheets]
     page.focus(f"[data-sheet={names[0]}] button")
     page.keyboard.press("Enter")
@@ -204,9 +210,7 @@ def test_a_lot_is_gone_through_and_accepted_by_keys__law(
 def test_a_word_about_a_sheet_outdates_a_signature__law(
     cut: None, real_desk: RealDesk, sit_at: Sit
 ) -> None:
-    page = sit_at(real_desk.desk.url, scene=False)
-    settled(page)
-    open_samples(page)
+    page = samples_of(real_desk, sit_at)
     name = draw(page, real_desk).sheets[2].name
     page.select_option("#sign-verdict", "reject")
     page.fill("#sign-remark", "late")
@@ -224,8 +228,6 @@ def test_a_word_about_a_sheet_outdates_a_signature__law(
 
 
 def test_without_map_sheets_nothing_is_drawn__truth(real_desk: RealDesk, sit_at: Sit) -> None:
-    page = sit_at(real_desk.desk.url, scene=False)
-    settled(page)
-    open_samples(page)
+    page = samples_of(real_desk, sit_at)
     assert page.locator("#samples-draw").count() == 0
     assert "no map sheets" in page.inner_text("[data-part=samples]")

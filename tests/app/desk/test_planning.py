@@ -102,9 +102,9 @@ def test_a_sample_of_sheets_goes_to_the_loop_or_says_why_not__law(
     shutil.copytree(tiny_run.folder, folder)
     handed: list[Measured] = []
 
-    def drawn(guest: bool) -> tuple[int, str]:
+    def drawn(guest: bool, seen: str = "") -> tuple[int, str]:
         async def visit(client: Any) -> tuple[int, str]:
-            answer = await client.post("/checks/sheets?seat=seat-1")
+            answer = await client.post(f"/checks/sheets?seat=seat-1&seen={seen}")
             return answer.status, await answer.text()
 
         return visited((sample_route(folder, handed.append),), visit, guest=guest)
@@ -123,3 +123,10 @@ def test_a_sample_of_sheets_goes_to_the_loop_or_says_why_not__law(
     assert isinstance(one.decision, DrawSheets)
     with Session.open(folder, "reader") as session:
         assert standing_samples(session.decisions()) == ()
+    # Nobody replaces a sample that is not the one on the page.
+    with Session.open(folder, "bob") as session:
+        session.record(one.decision)
+    status, said = drawn(guest=False)
+    assert status == 409
+    assert "another sample" in said
+    assert drawn(guest=False, seen=one.decision.digest)[0] == 200

@@ -1,20 +1,22 @@
 // Under Block quality: the sample of map sheets that decides for all, its risks and its sheets.
 import { openMosaic } from "./mosaic.js";
 import { wantSheet, whyOf } from "./mosaic_sheets.js";
-import { notice, once } from "./asked.js";
+import { Question, notice, once, onceRead } from "./asked.js";
 import { again, byId, element, moment, number, start, svg, word, written } from "./words.js";
 
 const GRAVE = { accepted: 0, rejected: 2 };
 const [WIDE, HIGH] = [260, 150]; // design: of the curve, in its own unit; words are 10 of it high
 const [STEPS, MOST_TICKS] = [[0.5, 1, 2, 5, 10, 20], 6]; // design: figures stand apart
-const state = { drawing: false };
+const state = { drawing: false, asked: "" };
+const replaced = new Question(); // whether a sample that was judged is to be replaced
 
-async function draw() {
+/** @param {string} seen the digest of the sample that is replaced */
+async function draw(seen) {
   if (state.drawing) return;
   state.drawing = true;
   try {
-    const address = `/checks/sheets?seat=${encodeURIComponent(start.seat)}`;
-    const answer = await (await fetch(address, { method: "POST" })).json();
+    const query = new URLSearchParams({ seat: start.seat, seen });
+    const answer = await (await fetch(`/checks/sheets?${query}`, { method: "POST" })).json();
     if (answer.error) notice(again(answer.error));
   } catch (error) {
     notice(String(error));
@@ -29,9 +31,25 @@ function openSheet(name) {
   openMosaic();
 }
 
-/** @param {string} name */
-const drawButton = (name) => element("button", { id: "samples-draw", disabled: start.guest,
-  onclick: once(draw), title: start.words[`${name}.tip`] ?? null }, word(name));
+/** One that was judged is replaced by a second press. @param {Sample | null} sample */
+function drawButton(sample) {
+  const judged = sample ? sample.drawn - sample.open : 0;
+  const asks = judged > 0 && sample?.digest === state.asked;
+  const name = !sample ? "samples.draw" : asks ? "samples.again.anyway" : "samples.again";
+  const text = word(name, { count: judged });
+  replaced.show(asks ? text : "");
+  const press = () => {
+    if (!sample || !judged || asks) {
+      onceRead(() => draw(sample?.digest ?? ""), replaced);
+      return;
+    }
+    state.asked = sample.digest;
+    byId("samples-draw").replaceWith(drawButton(sample));
+    byId("samples-draw").focus();
+  };
+  return element("button", { id: "samples-draw", disabled: start.guest, onclick: once(press),
+    title: start.words[`${name}.tip`] ?? null }, text);
+}
 
 /** @param {(Node | string)[]} children */
 const part = (...children) => element("section", { class: "quality-part", "data-part": "samples" },
@@ -42,7 +60,7 @@ export function samples({ sheets: { count, sample }, map }) {
   const said = (/** @type {string} */ words) => element("p", { class: "muted" }, words);
   if (!sample) {
     return count ? part(said(word("samples.hint", { count })), element("p", {},
-      drawButton("samples.draw"))) : part(said(word("samples.none")));
+      drawButton(null))) : part(said(word("samples.none")));
   }
   const { state: of, bad, open } = sample;
   const grave = GRAVE[/** @type {keyof typeof GRAVE} */ (of)] ?? 1;
@@ -65,7 +83,7 @@ export function samples({ sheets: { count, sample }, map }) {
         sheetMap(sample, map)),
       element("figure", {}, element("figcaption", {}, element("b", {}, word("samples.curve")),
         ` ${risks}`), curve(sample)))),
-    element("p", {}, drawButton("samples.again")));
+    element("p", {}, drawButton(sample)));
 }
 
 /** @param {Sample} sample */
