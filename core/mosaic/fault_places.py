@@ -49,9 +49,6 @@ TIE_HOOD = 6
 # design: two floors and a roof; where houses are lower a cut is seen less.
 HOUSE_M = 6.0
 """Height by which photos lean a house apart."""
-# design: few houses and trees are taller; of those that are ties disagree by their heights.
-TALLEST_M = 30.0
-"""So far above the ground a tie may lie."""
 # design: less of a house beside the seam is its eaves.
 LEAST_CUT_PX = 2.0
 """A seam runs so far through a house that it cuts, pixels of the mosaic."""
@@ -389,11 +386,17 @@ def _tied_pairs(errors: BlockErrors) -> list[Compared]:
 
 
 def _object_heights(errors: BlockErrors) -> Scalars:
-    """Adjusted heights of ties that may be those of houses and trees; NaN for any other."""
+    """Adjusted heights of ties that may be those of houses and trees; NaN for any other.
+
+    They are as high above the ground as one tie in twenty of the block, or lower: two rays that are
+    wrong alike meet at a height, too, and where little stands above the ground it gives them away.
+    """
     positions = errors.report.tie_positions
     above = positions[:, 2] - errors.heights.heights(positions[:, :2])
+    known = above[np.isfinite(above)]
+    highest = float(np.quantile(known, SURE)) if len(known) else 0.0
     unsure = TWO_SIGMAS * errors.dem_sigma_m
-    likely = (above >= -unsure) & (above <= TALLEST_M + unsure)
+    likely = (above >= -unsure) & (above <= max(highest, 0.0) + unsure)
     return np.where(likely, positions[:, 2], np.nan)
 
 
