@@ -13,12 +13,12 @@ export PIP_USER := 0
 # Modules are compiled once, not at every start of the program, of which the tests make hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Two files of tests at a time. Shapes are checked by the engine's own tests; what checks them takes
-# a fifth of the time of others even while it is switched off, so those are run without it.
+# Two files of tests at a time. Shapes are checked by the engine's short tests; what checks them
+# takes a fifth of the time of others even while it is switched off, so those are run without it.
 TWICE  := -n 2 --dist loadfile --no-loadscope-reorder
 PLAIN  := $(BIN)/python -m pytest --jaxtyping-packages= $(TWICE)
-ENGINE := $(BIN)/python -m pytest tests/core $(TWICE)
-REST   := $(PLAIN) --ignore=tests/core --ignore=tests/browser
+ENGINE := $(BIN)/python -m pytest tests/core -m shapes $(TWICE)
+REST   := $(PLAIN) -m 'not shapes' --ignore=tests/browser
 SEEN   := $(PLAIN) tests/browser
 
 .DEFAULT_GOAL := help

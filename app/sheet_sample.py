@@ -4,6 +4,7 @@ import secrets
 from collections.abc import Iterator
 
 from app.project import Project
+from app.sheets import gone_sheets
 from core.errors import ProjectError
 from core.quality.job_rules import JobRules
 from core.said import say
@@ -23,7 +24,7 @@ def draw_sample(project: Project, session: Session, seed: int | None = None) -> 
         seed: What they are drawn with; nobody knows it beforehand when None.
 
     Raises:
-        ProjectError: No map sheets were cut.
+        ProjectError: No map sheets were cut, or one of their files is gone.
     """
     sheets = sheets_on_disk(session.products, version_on_disk(session.products))
     if not sheets:
@@ -34,6 +35,15 @@ def draw_sample(project: Project, session: Session, seed: int | None = None) -> 
                 "Name them in block.toml, [sheets], and run it: gruber run {folder}",
                 folder=project.folder,
             ),
+        )
+    if gone := gone_sheets(session):
+        raise ProjectError(
+            gone[0],
+            say(
+                "is gone; {count:# file|# files} of the map sheets missing.",
+                count=len(gone),
+            ),
+            say("Cut them again: gruber run {folder}", folder=project.folder),
         )
     chosen = secrets.randbelow(LARGEST_SEED) if seed is None else seed
     return new_sample(sheets, chosen, project.rules)

@@ -125,6 +125,14 @@ def make_sheets(
     return delivery
 
 
+def gone_sheets(session: Session) -> tuple[Path, ...]:
+    """Sheets of the last delivery, and what belongs to them, that are no longer there."""
+    delivery: Delivery | None = session.products.latest_value(PRODUCT)
+    files = () if delivery is None else delivery.files
+    paths = [session.results / FOLDER / name for one in files for name in one.every_file]
+    return tuple(path for path in paths if not path.is_file())
+
+
 def sheets_line(delivery: Delivery) -> Said:
     """How many sheets, how many of their files are new, and how many lie outside."""
     told = say(

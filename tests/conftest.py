@@ -27,8 +27,12 @@ settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files of minutes first, so that no worker waits at the end for the other's last one."""
+    for item in items:
+        if CORE in item.path.parents and not item.get_closest_marker("slow"):
+            item.add_marker("shapes")
     long = {item.path for item in items if item.get_closest_marker("slow")}
     long |= {item.path for item in items if LONG & {item.path.parent.name, item.path.stem}}
     items.sort(key=lambda item: item.path not in long)
@@ -41,7 +45,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     Elsewhere checks would take a third of the time, and find what these find: `make test` does not
     even load them there.
     """
-    checked = CORE in item.path.parents and not item.get_closest_marker("slow")
+    checked = item.get_closest_marker("shapes") is not None
     jaxtyping.config.update("jaxtyping_disable", not checked)
 
 

@@ -167,6 +167,6 @@ def judge_rules(
             (one for one in findings if one.kind in rule.kinds), key=lambda one: -one.grave
         )
         if about:
-            more = sum(one.stands_for for one in about[1:] if one.grave)
+            more = max(sum(one.stands_for for one in about if one.grave) - 1, 0)
             judged.append(JudgedRule(rule, about[0], more, not changed.isdisjoint(rule.limits)))
     return tuple(judged)

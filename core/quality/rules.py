@@ -67,7 +67,7 @@ class Finding:
     @property
     def stands_for(self) -> int:
         """So many findings it is."""
-        return int(self.values["count"]) if self.kind == MANY_AGAINST else 1
+        return int(self.values["count"]) if self.kind.startswith("contradicted") else 1
 
     @property
     def sentence(self) -> Said:
@@ -126,7 +126,8 @@ def human_doubts(report: AdjustmentReport, rules: JobRules = USUAL_RULES) -> tup
         rules: Limits of the job.
     """
     limit = release_limit_m(report.block, rules)
-    return tuple(_doubt(_against(one, report.block, limit)) for one in report.contradictions)
+    told = _by_point(report.contradictions)
+    return tuple(_doubt(_against(ones, report.block, limit)) for ones in told)
 
 
 def _doubt(finding: Finding) -> Doubt:
@@ -249,9 +250,10 @@ def human_findings(report: AdjustmentReport, rules: JobRules = USUAL_RULES) -> l
         accepted = sum(item.status == "accepted" for item in items)
         return [Finding("agreed", SOUND, {"count": str(accepted)})] if accepted else []
     # What alone moves the ground by more than the block may be off is named in any case.
-    named = [one for n, one in enumerate(against) if n < NAMED or one.shift_m > limit]
-    findings = [_against(one, report.block, limit) for one in named]
-    rest = [one.metres for one in against if one not in named]
+    told = _by_point(against)
+    named = [ones for n, ones in enumerate(told) if n < NAMED or ones[0].shift_m > limit]
+    findings = [_against(ones, report.block, limit) for ones in named]
+    rest = [one.metres for ones in told if ones not in named for one in ones]
     if rest:
         told = {"count": str(len(rest)), "metres": f"{max(rest):.1f}"}
         findings.append(Finding(MANY_AGAINST, DOUBTFUL, told))
@@ -265,12 +267,22 @@ def release_limit_m(block: Block, rules: JobRules = USUAL_RULES) -> float:
     return max(rules.position_m, rules.position_px * median)
 
 
-def _against(one: Contradiction, block: Block, limit_m: float) -> Finding:
-    """One accepted measurement that the block contradicts."""
+def _by_point(against: Sequence[Contradiction]) -> list[list[Contradiction]]:
+    """Together what is one fault: coordinates of a point that are off speak in all its photos."""
+    found: dict[tuple[str, float], list[Contradiction]] = {}
+    for one in against:
+        found.setdefault((one.point_id, one.test), []).append(one)
+    return list(found.values())
+
+
+def _against(ones: Sequence[Contradiction], block: Block, limit_m: float) -> Finding:
+    """Accepted measurements of one point that the block contradicts with one test."""
+    one = max(ones, key=lambda one: one.metres)
     told = {
-        "worst": one.point_id, "photo": one.photo_id, "metres": f"{one.metres:.1f}",
-        "pixels": f"{one.pixels:.1f}", "test": f"{one.test:.1f}", "shift": f"{one.shift_m:.2f}",
-        "limit": f"{limit_m:.2f}", "most": f"{max(one.metres, one.shift_m):.2f}",
+        "worst": one.point_id, "photo": ", ".join(each.photo_id for each in ones),
+        "count": str(len(ones)), "metres": f"{one.metres:.1f}", "pixels": f"{one.pixels:.1f}",
+        "test": f"{one.test:.1f}", "shift": f"{one.shift_m:.2f}", "limit": f"{limit_m:.2f}",
+        "most": f"{max(one.metres, one.shift_m):.2f}",
     }  # fmt: skip
     if block.surveyed[one.point_id].role == "check":
         return Finding("contradicted-check", DOUBTFUL, told)

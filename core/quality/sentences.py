@@ -10,7 +10,7 @@ SENTENCES = {
     "{metres} m ({pixels} px) away: {test} times its standard deviation, and it moves photos by up "
     "to {shift} m. {most} m is more than the {limit} m that a block may be off: this one cannot be "
     "released before you have looked at the measurement again.",
-    "contradicted-check": "{worst}, a check point, was measured by hand in {photo} {metres} m "
+    "contradicted-check": "{worst}, a check point measured by hand in {photo}, lies {metres} m "
     "({pixels} px) from where the block puts it: {test} times what is predicted.",
     "contradicted-more": "Further measurements accepted by hand that the block contradicts: "
     "{count}, by up to {metres} m.",

@@ -9,6 +9,7 @@ import pytest
 from app.cli import main
 from app.project import read_project
 from app.sheet_sample import draw_sample
+from app.sheets import FOLDER
 from core.errors import ProjectError
 from core.sheets.acceptance import draw_sheets
 from core.sheets.delivery import Delivery
@@ -29,6 +30,9 @@ def folder(tiny_run: Tiny, tmp_path: Path) -> Path:
     with Session.open(copied, "ada") as session:
         lot = replace(LOT, mosaic=version_on_disk(session.products))
         session.products.save_value("sheets", "0" * 64, lot)
+        (session.results / FOLDER).mkdir()
+        for one in lot.files:
+            (session.results / FOLDER / one.file).touch()
     return copied
 
 
@@ -61,3 +65,14 @@ def test_a_block_without_sheets_says_how_to_make_them__truth(tiny_block: Path) -
         pytest.raises(ProjectError, match=r"no map sheets yet[^\n]*\n?.*\[sheets\]"),
     ):
         draw_sample(read_project(tiny_block), session)
+
+
+def test_sheets_that_are_gone_from_the_disk_are_no_lot__truth(folder: Path) -> None:
+    """Somebody would have judged, and signed, sheets that nobody can be given."""
+    for name in ("S03", "S07"):
+        (folder / "results" / FOLDER / f"{name}.geotiff").unlink()
+    with (
+        Session.open(folder, "ada") as session,
+        pytest.raises(ProjectError, match=r"S03\.geotiff: is gone; 2 files of the map"),
+    ):
+        draw_sample(read_project(folder), session)

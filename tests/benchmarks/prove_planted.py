@@ -121,9 +121,10 @@ def by_hand(folder: Path, metres: float, rng: np.random.Generator) -> Told:
 def _named(findings: list[dict[str, Any]]) -> Said:
     """What findings say of measurements that the block contradicts."""
     return {
-        (one["worst"], one["photo"]): (float(one["metres"]), float(one["test"]))
+        (one["worst"], photo): (float(one["metres"]), float(one["test"]))
         for one in findings
         if one["kind"].startswith("contradicted") and "worst" in one
+        for photo in one["photo"].split(", ")
     }
 
 

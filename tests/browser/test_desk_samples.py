@@ -6,6 +6,7 @@ from typing import Any, cast
 import pytest
 from shapely.geometry import box
 
+from app.sheets import FOLDER
 from core.mosaic.composition import MosaicProduct
 from core.sheets.delivery import Delivery, SheetFile
 from sessions.checks import version_on_disk
@@ -52,6 +53,9 @@ def cut(run_folder: Any) -> None:
         ]
         lot = Delivery(tuple(files), 0, mosaic=version_on_disk(session.products))
         session.products.save_value("sheets", "0" * 64, lot)
+        (session.results / FOLDER).mkdir(exist_ok=True)
+        for one in files:
+            (session.results / FOLDER / one.file).touch()
 
 
 def samples_of(desk: RealDesk, sit_at: Sit) -> Any:

@@ -117,6 +117,7 @@ class Front:
         self._failure: OSError | None = None
         self._scene_page = b""
         self._client: aiohttp.ClientSession | None = None
+        self._answers: list[Serve] = []
         self.port = 0
         self._thread = threading.Thread(target=self._run, name="front", daemon=True)
 
@@ -188,25 +189,38 @@ class Front:
             # Answers given up end, and connections let go of are closed, in turns of the loop.
             given_up = asyncio.all_tasks() - {asyncio.current_task()}
             await asyncio.gather(asyncio.sleep(0), *given_up, return_exceptions=True)
+            self._answers.clear()
 
     def _application(self) -> web.Application:
         application = web.Application(middlewares=[self._inputs.access.guard()])
-        application.add_routes(
-            [
-                web.get("/", self._page(self._inputs.page)),
-                web.get("/pages/{name}", self._file),
-                web.get("/start", self._start),
-                *(tile_routes(self._inputs.tiles) if self._inputs.tiles else ()),
-                *result_routes(self._inputs.results),
-                *self._inputs.routes,
-            ]
-        )
+        routes = [
+            web.get("/", self._page(self._inputs.page)),
+            web.get("/pages/{name}", self._file),
+            web.get("/start", self._start),
+            *(tile_routes(self._inputs.tiles) if self._inputs.tiles else ()),
+            *result_routes(self._inputs.results),
+            *self._inputs.routes,
+        ]
         if self._inputs.channel is not None:
-            application.add_routes([web.get(f"/desk/{SEAT}", self._inputs.channel.serve)])
+            routes.append(web.get(f"/desk/{SEAT}", self._inputs.channel.serve))
         if self._inputs.upstream is not None:
             addresses = (f"{SCENE_PATH}/{SEAT}/", f"{SCENE_PATH}/{SEAT}")
-            application.add_routes([web.get(address, self._scene) for address in addresses])
+            routes += [web.get(address, self._scene) for address in addresses]
+        application.add_routes([self._until_closed(route) for route in routes])
         return application
+
+    def _until_closed(self, route: web.RouteDef) -> web.RouteDef:
+        """A route that lets go of who answers it: aiohttp keeps what it has once called for good.
+
+        With them it would keep every desk that was open, with its scans and tiles.
+        """
+        answers, number = self._answers, len(self._answers)
+        answers.append(cast("Serve", route.handler))
+
+        async def answer(request: web.Request) -> web.StreamResponse:
+            return await answers[number](request)
+
+        return web.route(route.method, route.path, answer, **route.kwargs)
 
     def _page(self, name: str) -> Serve:
         async def serve(request: web.Request) -> web.StreamResponse:

@@ -350,7 +350,7 @@ def test_the_chapter_of_doubts_names_all_that_the_filter_of_disputed_points_show
     """More than the verdict names one by one."""
     report = content.report
     keys = [key for key in sorted(flown.measurements) if flown.surveyed[key[0]].role == "control"]
-    many = tuple(Contradiction(*key, 9.0, 4.5 + n, 6.0, 0.1) for n, key in enumerate(keys[:14]))
+    many = tuple(Contradiction(*key, 9.0, 4.5 + n, 6.0 + n, 0.1) for n, key in enumerate(keys[:14]))
     told = replace(content, report=replace(report, contradictions=many))
     html, figures = write_report(tmp_path, told)
     doubts = json.loads(figures.read_text(encoding="utf-8"))["doubts"]

@@ -22,6 +22,8 @@ from core.quality.rules import (
     Finding,
     check_release,
     doubts_of,
+    human_doubts,
+    human_findings,
     judge_block,
 )
 from tests.flights import FlightPlan, fly
@@ -175,6 +177,19 @@ def test_so_many_disagreements_are_named_and_the_rest_counted__law(block):
     # The rule of the job tells the worst, and how many more there are.
     against = next(one for one in judge_rules(found) if one.rule.name == "against")
     assert (against.finding.kind, against.more) == ("contradicted", NAMED + 2)
+
+
+def test_a_point_that_is_off_in_all_its_photos_is_one_finding__law(block):
+    report = adjust_block(block)
+    point = next(iter(report.redundancy_numbers))[0]
+    off = [Contradiction(point, name, 20.0, 0.5, 5.0, 0.1) for name in ("a", "b", "c")]
+    ray = Contradiction(point, "d", 18.0, 0.4, 4.0, 0.1)
+    report = replace(report, contradictions=(*off, ray))
+    told = [one for one in human_findings(report) if one.kind.startswith("contradicted")]
+    assert [one.values["photo"] for one in told] == ["a, b, c", "d"]
+    assert [one.subject for one in human_doubts(report)] == [point, point]
+    against = next(one for one in judge_rules(told) if one.rule.name == "against")
+    assert against.more == 3
 
 
 def worse(report, times):

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 import warnings
+import weakref
 from contextlib import suppress
 from dataclasses import replace
 
@@ -255,3 +256,20 @@ def come(port: int, over: threading.Event, came: list[socket.socket]) -> None:
     while not over.is_set():
         with suppress(OSError):
             came.append(socket.create_connection(("127.0.0.1", port), timeout=0.2))
+
+
+class Answerer:
+    async def serve(self, request: web.Request) -> web.StreamResponse:
+        return web.Response(text="here")
+
+
+def test_a_front_that_is_closed_lets_go_of_what_answered__law(inputs):
+    """Every desk that had been open stayed in memory, with the scans and tiles it had read."""
+    answerer = Answerer()
+    visitor = Visitor(replace(inputs, routes=(web.get("/here", answerer.serve),)))
+    with visitor:
+        assert visitor.get("/here")[1] == "here"
+    gone = weakref.ref(answerer)
+    del answerer, visitor
+    gc.collect()
+    assert gone() is None
