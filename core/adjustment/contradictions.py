@@ -99,6 +99,18 @@ def find_contradictions(
     return tuple(sorted(found, key=lambda one: (-one.test, one.key)))
 
 
+def by_point(against: Sequence[Contradiction]) -> list[list[Contradiction]]:
+    """Together what is one fault: coordinates of a point that are off speak in all its photos.
+
+    Args:
+        against: Contradictions, worst first.
+    """
+    found: dict[tuple[str, float], list[Contradiction]] = {}
+    for one in against:
+        found.setdefault((one.point_id, one.test), []).append(one)
+    return list(found.values())
+
+
 def _of_control(block: Block, solution: Solution, risk: float) -> list[Contradiction]:
     units = _units(solution)
     if not units:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from core.adjustment.adjusted import AdjustmentReport, Contradiction
+from core.adjustment.contradictions import by_point
 from core.adjustment.influence import Influence
 from core.adjustment.significance import CONSTANT_NAMES
 from core.arrays import Scalars
@@ -126,7 +127,7 @@ def human_doubts(report: AdjustmentReport, rules: JobRules = USUAL_RULES) -> tup
         rules: Limits of the job.
     """
     limit = release_limit_m(report.block, rules)
-    told = _by_point(report.contradictions)
+    told = by_point(report.contradictions)
     return tuple(_doubt(_against(ones, report.block, limit)) for ones in told)
 
 
@@ -250,7 +251,7 @@ def human_findings(report: AdjustmentReport, rules: JobRules = USUAL_RULES) -> l
         accepted = sum(item.status == "accepted" for item in items)
         return [Finding("agreed", SOUND, {"count": str(accepted)})] if accepted else []
     # What alone moves the ground by more than the block may be off is named in any case.
-    told = _by_point(against)
+    told = by_point(against)
     named = [ones for n, ones in enumerate(told) if n < NAMED or ones[0].shift_m > limit]
     findings = [_against(ones, report.block, limit) for ones in named]
     rest = [one.metres for ones in told if ones not in named for one in ones]
@@ -265,14 +266,6 @@ def release_limit_m(block: Block, rules: JobRules = USUAL_RULES) -> float:
     pixels = [photo.ground_pixel_m(block.camera_of(name)) for name, photo in block.photos.items()]
     median = float(np.median(pixels)) if pixels else 0.0
     return max(rules.position_m, rules.position_px * median)
-
-
-def _by_point(against: Sequence[Contradiction]) -> list[list[Contradiction]]:
-    """Together what is one fault: coordinates of a point that are off speak in all its photos."""
-    found: dict[tuple[str, float], list[Contradiction]] = {}
-    for one in against:
-        found.setdefault((one.point_id, one.test), []).append(one)
-    return list(found.values())
 
 
 def _against(ones: Sequence[Contradiction], block: Block, limit_m: float) -> Finding:
