@@ -36,6 +36,7 @@ from core.orthos.rectification import OrthoProduct
 from core.progress import Progress, Work
 from core.raster.ortho import open_ortho
 from sessions.atomic_write import whole_file
+from sessions.checks import keep_written
 from sessions.decisions import standing_seam_edits
 from sessions.session import Session
 
@@ -92,26 +93,19 @@ def make_mosaic(
     drawing = whole_file(seams) if mine is None else nullcontext(None)
     with drawing as seams_part, whole_file(target) as mosaic_part:
         product = compose_mosaic(
-            orthos,
-            grid,
-            mosaic_part,
-            seams_part,
-            seams=mine,
-            dates=project.taken,
-            guides=seam_guides(project, grid.bounds),
-            planes=film_planes(session, names),
+            orthos, grid, mosaic_part, seams_part, seams=mine, dates=project.taken,
+            guides=seam_guides(project, grid.bounds), planes=film_planes(session, names),
             former=None if tiles is None else FormerMosaic(target, tiles),
             stamps={ortho.photo_id: products.digest_of(ortho.path) for ortho in orthos},
-            redraw=hand,
-            options=options,
-            progress=progress,
-        )
+            redraw=hand, options=options, progress=progress,
+        )  # fmt: skip
         if seams_part is not None:
             _remember_drawn(session, seams_part)
     product = replace(product, path=target)
     products.save_value(TILES, products.digest_of(target), product.tiles)
     products.save_value(SEAMS_DRAWN, inputs, (hand.before, hand.edits))
     products.save_value("mosaic", products.digest_of(inputs, target), product)
+    keep_written(products, target)
     return product
 
 

@@ -1,9 +1,12 @@
 """Plans of checks, their readings, and who has vouched for the block, as they stand now."""
 
+import hashlib
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -30,6 +33,10 @@ from sessions.products import DIGEST_SIGNS, Products, digest_of
 from sessions.remarks import is_of_a_fault
 from sessions.sheet_samples import lot_digest, standing_samples, words_of_sheets
 
+WRITTEN = "mosaic-file"
+"""Product that keeps where the mosaic was written, and the stamp of the file."""
+# design: both ends of a file, in which its tables and its last tiles lie.
+STAMPED_BYTES = 1 << 16
 VERSION = "mosaic-version"
 """Product that keeps the version of the mosaic with the same digest."""
 
@@ -222,12 +229,34 @@ def difference_m(one: ReadCheck) -> tuple[float, float]:
 
 
 def version_on_disk(products: Products) -> str:
-    """What the mosaic on disk was made of; empty where there is none.
+    """What the mosaic on disk was made of; empty where there is none, or no longer that one.
 
     It is the same as long as its photos, its seams and its pixels lie where they did.
     """
+    written = cast("tuple[Path, str] | None", products.latest_value(WRITTEN))
+    if written is not None and _stamp_of(written[0]) != written[1]:
+        return ""
     kept: str | None = products.load_value(VERSION, products.latest_digest("mosaic"))
     return _version_of_orthos(products) if kept is None else kept
+
+
+def keep_written(products: Products, file: Path) -> None:
+    """Keep what the mosaic looks like on disk, to know it from another."""
+    stamp = _stamp_of(file)
+    products.save_value(WRITTEN, digest_of(stamp), (file, stamp))
+
+
+def _stamp_of(file: Path) -> str:
+    """What a file holds, by its size, beginning and end, whatever its time; empty without one."""
+    try:
+        with file.open("rb") as opened:
+            size = opened.seek(0, os.SEEK_END)
+            opened.seek(0)
+            begins = opened.read(STAMPED_BYTES)
+            opened.seek(max(0, size - STAMPED_BYTES))
+            return hashlib.sha256(b"%d " % size + begins + opened.read()).hexdigest()
+    except FileNotFoundError:
+        return ""
 
 
 def keep_version(products: Products) -> None:

@@ -43,13 +43,21 @@ class Fault:
 
 
 def standing_remarks(decisions: Sequence[Recorded]) -> tuple[tuple[Recorded, Remark], ...]:
-    """Everything that was said and not withdrawn, in order; of a withdrawn fault no answers."""
+    """Everything that was said and not withdrawn, in order; of a withdrawn fault no answers.
+
+    What is said of another decision stands though that one was withdrawn: it may say why.
+    """
     kept: list[tuple[Recorded, Remark]] = []
     stands = standing(decisions)
-    numbers = {str(item.decision_id) for item in stands}
+    numbers = {item.decision_id for item in stands}
+    gone = {
+        str(item.decision_id)
+        for item in decisions
+        if isinstance(item.decision, Remark) and item.decision_id not in numbers
+    }
     for item in stands:
         said = item.decision
-        if isinstance(said, Remark) and (said.subject != "decision" or said.name in numbers):
+        if isinstance(said, Remark) and (said.subject != "decision" or said.name not in gone):
             kept.append((item, said))
     return tuple(kept)
 

@@ -43,7 +43,6 @@ from sessions.decisions import (
     Accept,
     AddPoint,
     Decision,
-    DrawSheets,
     Place,
     PlaceFiducial,
     Recorded,
@@ -52,10 +51,11 @@ from sessions.decisions import (
     standing,
     standing_seam_edits,
 )
+from ui.review.check_gestures import Reviewed
 from ui.review.compare import stale_photos, with_made
 from ui.review.doubtful import extra_of
 from ui.review.drafts import left_seats, with_left, with_measured
-from ui.review.gestures import AnswerAsked, Freed, Gesture
+from ui.review.gestures import AnswerAsked, Freed, Gesture, SheetAsked
 from ui.review.history import (
     key_of,
     mark_of,
@@ -283,6 +283,8 @@ class ReviewLoop:
     def _take_gesture(self, gesture: Gesture) -> None:
         """What a gesture comes to: the decision on the disk before anything else."""
         before = still_asked(self._seat(gesture.seat_id), gesture)
+        if isinstance(gesture, SheetAsked | Reviewed):  # Files may have been changed elsewhere.
+            self._now = self._inputs.with_products(self._now)
         outcome = outcome_of(gesture, before, self._seen_by(before))
         seat = outcome.seat
         if outcome.decisions:
@@ -293,8 +295,7 @@ class ReviewLoop:
         for notice in filter(None, (*outcome.left, outcome.notice)):
             self._screen.tell(seat.seat_id, notice)
         if outcome.answer is not None:
-            name, part = outcome.answer
-            self._screen.show(seat.seat_id, {name: part})
+            self._screen.show(seat.seat_id, dict([outcome.answer]))
         if outcome.act:
             self._do(outcome.act, gesture, seat)
 
@@ -381,8 +382,7 @@ class ReviewLoop:
                 self._screen.tell(event.seat_id, Notice("notice.overtaken"))
                 return
             seat, decision = drafted, None
-        if isinstance(decision, DrawSheets):
-            self._now = self._inputs.with_products(self._now)
+        self._now = self._inputs.with_products(self._now)
         if decisions := (*((decision,) if decision else ()), *event.more):
             self._record(decisions, seat)
         self._now = self._now.with_seat(seat)
@@ -444,9 +444,9 @@ class ReviewLoop:
     def _take_step(self, step: RemakeStep | FillStep) -> None:
         name = "remaking" if isinstance(step, RemakeStep) else "filling"
         before: Remaking | None = getattr(self._now.state, name)
-        cancelling = before is not None and before.cancelling
-        making = Remaking(step.done, step.total, step.what, step.seconds_left, cancelling)
-        self._change_state(**{name: making})
+        ends = before is not None and before.cancelling
+        now = Remaking(step.done, step.total, step.what, step.seconds_left, ends)
+        self._change_state(**{name: now})
 
     def _take_filled(self, event: FillEnded) -> None:
         """Record marks that were found by an example, and show them."""

@@ -304,6 +304,7 @@ def _readings(
 ) -> list[Figures]:
     """Every standing reading of every plan, place by place."""
     names = [place.place_id for one in plans for place in one.plan.places]
+    newest = {place.place_id for one in plans[-1:] for place in one.plan.places}
     read = readings_of(decisions)
     return [
         {
@@ -314,6 +315,7 @@ def _readings(
             "difference_m": None if one.mosaic is None else list(difference_m(one)),
             "reason": one.reason,
             "of_this_mosaic": one.version == version,
+            "of_newest_plan": one.place_id in newest,
         }
         for (_, who), (item, one) in sorted(read.items())
         if one.place_id in names

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pyogrio.raw
 import pytest
+import rasterio
 import shapely
 
 from app.block_sections import BlockSection
@@ -16,6 +17,7 @@ from core.formats.vectors import write_polygons
 from core.mosaic.seams import read_seams, write_seams
 from core.progress import SILENT
 from core.raster.grid import Grid
+from sessions.checks import version_on_disk
 from sessions.session import Session
 from tests.core.mosaic.conftest import CRS, write_ortho
 
@@ -166,3 +168,23 @@ def test_guides_are_the_polygons_and_lines_of_the_reference__truth(block):
     guides = seam_guides(given, (WEST, NORTH - 100, WEST + 100, NORTH))
     assert [shape.equals(house) for shape in guides.buildings] == [True]
     assert guides.roads == ()
+
+
+def test_a_mosaic_that_is_gone_or_another_has_no_version__law(block):
+    """Readings and signatures stood for a file that another program had shifted."""
+    project, session, orthos = block
+    mosaic = make_mosaic(session, project, orthos, SILENT)
+    version = version_on_disk(session.products)
+    assert version
+    aside = mosaic.path.with_suffix(".aside")
+    shutil.copy(mosaic.path, aside)
+    mosaic.path.unlink()
+    assert version_on_disk(session.products) == ""
+    with rasterio.open(aside) as kept:
+        pixels, profile = kept.read(), kept.profile
+    with rasterio.open(mosaic.path, "w", **profile) as shifted:
+        shifted.write(np.roll(pixels, 10, axis=2))
+    assert version_on_disk(session.products) == ""
+    # A copy of the same is the same, whatever its time.
+    shutil.copy(aside, mosaic.path)
+    assert version_on_disk(session.products) == version

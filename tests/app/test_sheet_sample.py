@@ -16,7 +16,7 @@ from core.sheets.delivery import Delivery
 from sessions.checks import version_on_disk
 from sessions.session import Session
 from sessions.sheet_samples import is_unchanged, sample_of, sheets_on_disk, standing_samples
-from tests.sessions.test_sheet_samples import delivered
+from tests.sessions.test_sheet_samples import cut, delivered
 from tests.tiny import Tiny
 
 LOT = Delivery(tuple(delivered(f"S{n:02d}", east=100.0 * n) for n in range(30)), 0)
@@ -29,10 +29,7 @@ def folder(tiny_run: Tiny, tmp_path: Path) -> Path:
     shutil.copytree(tiny_run.folder, copied)
     with Session.open(copied, "ada") as session:
         lot = replace(LOT, mosaic=version_on_disk(session.products))
-        session.products.save_value("sheets", "0" * 64, lot)
-        (session.results / FOLDER).mkdir()
-        for one in lot.files:
-            (session.results / FOLDER / one.file).touch()
+        cut(session, lot)
     return copied
 
 

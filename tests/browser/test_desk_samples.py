@@ -6,7 +6,6 @@ from typing import Any, cast
 import pytest
 from shapely.geometry import box
 
-from app.sheets import FOLDER
 from core.mosaic.composition import MosaicProduct
 from core.sheets.delivery import Delivery, SheetFile
 from sessions.checks import version_on_disk
@@ -14,6 +13,7 @@ from sessions.decisions import DrawSheets, JudgeSheet
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, RealDesk
 from tests.browser.hands import caught_up, settled
+from tests.sessions.test_sheet_samples import cut as write_sheets
 
 Sit = Callable[..., Any]
 WHOLE = "() => gruber.mosaicState().drawn.whole"
@@ -51,11 +51,8 @@ def cut(run_folder: Any) -> None:
             for row in range(DOWN)
             for column in range(ACROSS)
         ]
-        lot = Delivery(tuple(files), 0, mosaic=version_on_disk(session.products))
-        session.products.save_value("sheets", "0" * 64, lot)
-        (session.results / FOLDER).mkdir(exist_ok=True)
-        for one in files:
-            (session.results / FOLDER / one.file).touch()
+        version = version_on_disk(session.products)
+        write_sheets(session, Delivery(tuple(files), 0, mosaic=version))
 
 
 def samples_of(desk: RealDesk, sit_at: Sit) -> Any:

@@ -1,7 +1,7 @@
 """Faults are open until the last word closes them; what is withdrawn takes its answers along."""
 
 from sessions.checks import judged_parts
-from sessions.decisions import Decision, Recorded, Remark, Withdraw
+from sessions.decisions import Decision, Recorded, Reject, Remark, Withdraw
 from sessions.remarks import fault_findings, standing_faults, standing_remarks
 from tests.sessions.test_checks import REPORT
 
@@ -36,6 +36,12 @@ def test_a_withdrawn_fault_takes_its_answers_along__law() -> None:
     assert standing_remarks(said) == ()
     again = Recorded(4, "2026-01-01T10:01", "bob", Withdraw(3))
     assert [one.is_open for one in standing_faults((*said, again))] == [False]
+
+
+def test_what_is_said_of_a_withdrawn_decision_stands__law() -> None:
+    """The desk and the table of decisions showed it, and the list of remarks did not."""
+    said = recorded(Reject("C1", "A", "blurred"), Withdraw(1), answer(1, "it is sharp in A"))
+    assert [one.words for _, one in standing_remarks(said)] == ["it is sharp in A"]
 
 
 def test_words_about_a_photo_are_no_fault__law() -> None:

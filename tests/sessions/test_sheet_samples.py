@@ -33,6 +33,14 @@ def delivered(name: str, form: str = "geotiff", east: float = 0.0) -> SheetFile:
     )
 
 
+def cut(session: Session, lot: Delivery) -> None:
+    """Map sheets as they are after they were cut, with empty files."""
+    session.products.save_value("sheets", "0" * 64, lot)
+    (session.results / "sheets").mkdir(exist_ok=True)
+    for one in lot.files:
+        (session.results / "sheets" / one.file).touch()
+
+
 def test_a_sheet_in_several_files_is_one_of_the_lot__law(tmp_path: Path) -> None:
     files = (delivered("B", east=100.0), delivered("A"), delivered("A", "jp2"))
     found = sheets_of(Delivery(files, 0, mosaic="m1"), "m1")

@@ -58,6 +58,8 @@ def decided_judgement(
     """The decision of a gesture, or what stands against it."""
     if isinstance(gesture, CheckRead | SheetJudged):
         shown = desk.state.mosaic
+        if shown is not None and not desk.mosaic_version:
+            return (), Notice("notice.check-gone", grave=True)
         if shown is not None and gesture.version != shown.version:
             return (), Notice("notice.check-renewed", grave=True)
     if isinstance(gesture, SheetJudged):
@@ -303,17 +305,26 @@ def wanted_places(
     *,
     rules: JobRules = USUAL_RULES,
 ) -> frozenset[str]:
-    """Places that an observer is to read: those they are led to where others read, else all."""
+    """Places that an observer is to read: all, but where another began to read before them.
+
+    Whoever comes second is wanted at the places they are led to.
+    """
     names = frozenset(place.place_id for place in plan.places if not place.after)
-    others = any(
-        who != operator and name in names and one.version == version
-        for (name, who), (_, one) in read.items()
-    )
-    return second_places(plan, read, operator, version, rules=rules) if others else names
+    begun = [
+        (item.decision_id, who)
+        for (name, who), (item, one) in read.items()
+        if name in names and one.version == version
+    ]
+    if not begun or min(begun)[1] == operator:
+        return names
+    return second_places(plan, read, operator, version, rules=rules)
 
 
 def still_reads(desk: DeskSnapshot, operator: str) -> bool:
-    """Whether an observer has begun to read the newest plan and has not read all that is theirs."""
+    """Whether an observer has places of the newest plan left to read, or is wanted as a second.
+
+    Who has read nothing may be the second as long as one is wanted.
+    """
     plans = standing_plans(desk.recorded)
     if not plans:
         return False
@@ -323,7 +334,9 @@ def still_reads(desk: DeskSnapshot, operator: str) -> bool:
     own = {
         name for (name, who), (_, one) in read.items() if who == operator and one.version == version
     } & names
-    return bool(own) and not wanted_places(plan, read, operator, version, rules=desk.rules) <= own
+    if not own:
+        return bool(second_places(plan, read, operator, version, rules=desk.rules))
+    return not wanted_places(plan, read, operator, version, rules=desk.rules) <= own
 
 
 def _shown(place: CheckPlace, operator: str, digest: str, shown_m: float) -> Part:

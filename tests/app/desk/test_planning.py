@@ -19,6 +19,7 @@ from sessions.decisions import DrawSheets, PlanChecks
 from sessions.session import Session
 from sessions.sheet_samples import standing_samples
 from tests.app.test_sheet_sample import LOT
+from tests.sessions.test_sheet_samples import cut
 from tests.tiny import Tiny
 from tests.ui.web.visits import visited
 
@@ -114,7 +115,7 @@ def test_a_sample_of_sheets_goes_to_the_loop_or_says_why_not__law(
     assert "no map sheets yet" in said
     with Session.open(folder, "ada") as session:
         lot = replace(LOT, mosaic=version_on_disk(session.products))
-        session.products.save_value("sheets", "0" * 64, lot)
+        cut(session, lot)
     assert drawn(guest=True)[0] == 403
     assert handed == []
     assert drawn(guest=False) == (200, '{"sheets":15}')

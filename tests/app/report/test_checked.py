@@ -58,6 +58,7 @@ def test_figures_of_readings_are_those_put_in__truth(checked: ReportContent) -> 
     assert figures["observer_m"] == pytest.approx(np.sqrt(2) * OBSERVER, rel=0.4)
     assert found["plans"][0]["outdated"] == 1
     assert len(found["readings"]) == 41
+    assert all(one["of_newest_plan"] for one in found["readings"])
 
 
 def test_readings_are_told_by_part_photo_and_year__truth(checked: ReportContent, tmp_path) -> None:
