@@ -458,7 +458,7 @@ def test_what_is_said_of_the_mosaic_stays_where_it_cannot_be_sent__law(
     with wire_cut(page):
         page.click("#fault-say")
     page.click("#fault-say")
-    page.wait_for_selector(".fault-thread p:has-text('UTC')")
+    page.wait_for_selector(".fault-thread p:has-text('mended')")
     (fault,) = standing_faults(real_desk.session.decisions())
     assert (fault.said.words, fault.assigned) == ("church", "eve")
     assert [one.words for _, one in fault.answers] == ["mended"]
