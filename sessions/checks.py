@@ -241,9 +241,10 @@ def version_on_disk(products: Products) -> str:
 
 
 def keep_written(products: Products, file: Path) -> None:
-    """Keep what the mosaic looks like on disk, to know it from another."""
+    """Keep what the mosaic that was just made is, and looks like on disk, to know it again."""
     stamp = _stamp_of(file)
     products.save_value(WRITTEN, digest_of(stamp), (file, stamp))
+    keep_version(products)
 
 
 def _stamp_of(file: Path) -> str:
