@@ -58,6 +58,18 @@ def read_rules(file: Path | None) -> JobRules:
     return rules
 
 
+def rules_on_disk(block: Path) -> JobRules | None:
+    """Limits of a block as its files have them now; None where they cannot be used.
+
+    Args:
+        block: Its block.toml.
+    """
+    try:
+        return read_rules(Document(block).table("block").file("rules"))
+    except ProjectError:
+        return None
+
+
 def _value(table: Table, name: str) -> Any:
     """One limit: a whole number where it counts something."""
     value = table.number(name)

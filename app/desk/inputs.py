@@ -4,6 +4,7 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Protocol, cast
 
@@ -15,6 +16,7 @@ from app.desk.background import Adjust, Fill, Remake
 from app.desk.exporting import Standing, export_routes
 from app.desk.measuring import Errors, Filling, PhotoToPhoto
 from app.desk.mosaic import MosaicFile
+from app.job_rules import rules_on_disk
 from app.mosaic import make_change, make_mosaic
 from app.orthos import make_orthos
 from app.placing import Placeable, standing_block
@@ -165,8 +167,8 @@ class DeskInputs:
     """Runs the block from the desk."""
     looking: bool = False
     """The block's folder may not be written: nothing can be decided."""
-    rules: JobRules = USUAL_RULES
-    """Limits by which the block is judged."""
+    rules: Callable[[], JobRules | None] = lambda: USUAL_RULES
+    """Limits by which the block is judged, as they are on disk; None where they are broken."""
     exposed: Mapping[str, str] = field(default_factory=dict[str, str])
     """When each photo was taken, as far as that is known."""
     left: tuple[Seat, ...] = ()
@@ -177,10 +179,11 @@ class DeskInputs:
         return version_on_disk(self.session.products)
 
     def with_products(self, desk: DeskSnapshot) -> DeskSnapshot:
-        """The same with the version of the mosaic, and the map sheets, as they are on disk now."""
-        version = self.mosaic_version()
+        """The same with the version of the mosaic, map sheets and rules as they are on disk now."""
+        version, rules = self.mosaic_version(), self.rules()
         sheets = sheets_on_disk(self.session.products, version)
-        return replace(desk, mosaic_version=version, sheets=sheets)
+        desk = replace(desk, mosaic_version=version, sheets=sheets)
+        return replace(desk, rules=rules or desk.rules, rules_stand=rules is not None)
 
     def written_ms(self) -> int:
         """When the report on disk was written, milliseconds since 1970; 0 where there is none."""
@@ -225,7 +228,7 @@ def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
         ortho_pixel_m=desk.ortho.ground_sample_distance_m if desk.has_ortho else 0.0,
         mosaic_version=desk.mosaic_version(),
         sheets=sheets_on_disk(desk.session.products, desk.mosaic_version()),
-        rules=desk.rules,
+        rules=desk.rules() or USUAL_RULES,
         exposed=desk.exposed,
     )
 
@@ -274,7 +277,7 @@ def desk_inputs(
         reference_sigma_m=(files.ortho_sigma_m, files.ortho_sigma_m, files.dem_sigma_m),
         routes=export_routes(project, standing),
         results=session.results,
-        rules=project.rules,
+        rules=partial(rules_on_disk, project.file),
         exposed=project.exposed,
         mosaic=MosaicFile(session, block.crs),
         remake=OrthoMaker(project, reference, operator),

@@ -46,17 +46,16 @@ from sessions.decisions import (
     Place,
     PlaceFiducial,
     Recorded,
-    Withdraw,
     changing,
-    standing,
     standing_seam_edits,
 )
 from ui.review.check_gestures import Reviewed
 from ui.review.compare import stale_photos, with_made
 from ui.review.doubtful import extra_of
 from ui.review.drafts import left_seats, with_left, with_measured
-from ui.review.gestures import AnswerAsked, Freed, Gesture, SheetAsked
+from ui.review.gestures import AnswerAsked, Freed, Gesture, QualityAsked, SheetAsked
 from ui.review.history import (
+    count_standing,
     key_of,
     mark_of,
     nothing_notice,
@@ -217,17 +216,15 @@ class ReviewLoop:
         """Show plans, readings and signatures as they stand now."""
         self._replay_due = False
         recorded = self._session.decisions()
-        plain = [item for item in standing(recorded) if not isinstance(item.decision, Withdraw)]
         self._now = replace(self._now, recorded=recorded)
-        self._change_state(decided=len(plain))
+        self._change_state(decided=count_standing(recorded))
 
     def _replay(self) -> None:
         """Lay all decisions that stand over the block as the engine left it."""
         self._replay_due = False
         now, recorded = self._now, self._session.decisions()
-        plain = [item for item in standing(recorded) if not isinstance(item.decision, Withdraw)]
         block = self._session.replayed(now.base, now.initial.films, now.initial.cameras)
-        state = replace(now.state, block=block, decided=len(plain))
+        state = replace(now.state, block=block, decided=count_standing(recorded))
         state = replace(state, mosaic=self._with_edits(state.mosaic, recorded))
         extra = extra_of(state, now.base, recorded, now.doubts, now.dem)
         state = kept_up(now.state, replace(state, extra=extra), now.dem)
@@ -283,8 +280,10 @@ class ReviewLoop:
     def _take_gesture(self, gesture: Gesture) -> None:
         """What a gesture comes to: the decision on the disk before anything else."""
         before = still_asked(self._seat(gesture.seat_id), gesture)
-        if isinstance(gesture, SheetAsked | Reviewed):  # Files may have been changed elsewhere.
+        if isinstance(gesture, QualityAsked | SheetAsked | Reviewed):  # Others may have been at it.
             self._now = self._inputs.with_products(self._now)
+            self._replay_due |= len(self._session.decisions()) > len(self._now.recorded)
+            self._follow_decisions()
         outcome = outcome_of(gesture, before, self._seen_by(before))
         seat = outcome.seat
         if outcome.decisions:

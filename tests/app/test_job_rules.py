@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.job_rules import read_rules, rules_lines
+from app.job_rules import read_rules, rules_lines, rules_on_disk
 from app.project import described, read_project
 from core.errors import ProjectError
 from core.pipeline import STAGES
@@ -33,6 +33,17 @@ def made(tmp_path: Path) -> Made:
         return folder
 
     return write
+
+
+def test_limits_are_those_on_disk_now__law(made: Made) -> None:
+    """A desk that was open went on with what its rules had been."""
+    folder = made(OWN, NAMED)
+    block = folder / "block.toml"
+    assert rules_on_disk(block) == replace(USUAL_RULES, tilt_deg=2.5, readings=40)
+    (folder.parent / "rules.toml").write_text("tilt_deg = 2.0\n", encoding="utf-8")
+    assert rules_on_disk(block) == replace(USUAL_RULES, tilt_deg=2.0)
+    (folder.parent / "rules.toml").write_text("tilt_deg = = 2.0\n", encoding="utf-8")
+    assert rules_on_disk(block) is None
 
 
 def test_a_file_holds_the_limits_that_differ__truth(made: Made) -> None:

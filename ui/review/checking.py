@@ -65,7 +65,10 @@ def decided_judgement(
     if isinstance(gesture, SheetJudged):
         return decided_sheet(gesture, desk)
     if isinstance(gesture, CheckRead):
-        return decided_reading(gesture, desk.recorded, desk.mosaic_version), None
+        read = decided_reading(gesture, desk.recorded, desk.mosaic_version)
+        # A plan that was drawn elsewhere meanwhile has other places.
+        lost = bool(desk.mosaic_version) and not read
+        return read, Notice("notice.check-replanned", grave=True) if lost else None
     if isinstance(gesture, Remarked):
         return decided_remark(gesture.said, desk)
     return _decided_signature(gesture, desk)
@@ -77,6 +80,8 @@ def _decided_signature(
     """The signature, where the block is as whoever signs has seen it."""
     if desk.state.adjusting:
         return (), Notice("notice.sign-wait")
+    if not desk.rules_stand:
+        return (), Notice("notice.sign-rules", grave=True)
     on_disk = desk.mosaic_version and desk.state.written and not desk.stale
     if gesture.verdict != "reject" and not on_disk:
         return (), Notice("notice.sign-stale", grave=True)

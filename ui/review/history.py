@@ -186,6 +186,11 @@ def subject_of(decision: Decision) -> str:
             return getattr(decision, "point_id", "")
 
 
+def count_standing(recorded: Sequence[Recorded]) -> int:
+    """How many decisions stand; a withdrawal is none."""
+    return sum(not isinstance(item.decision, Withdraw) for item in standing(recorded))
+
+
 def touched_by(recorded: Recorded, decisions: Sequence[Recorded]) -> Recorded | None:
     """The decision that a withdrawal, or the withdrawal of a withdrawal, is about."""
     by_number = {item.decision_id: item for item in decisions}

@@ -61,6 +61,8 @@ class DeskSnapshot:
     """What the mosaic on disk was made of; empty where there is none."""
     rules: JobRules = USUAL_RULES
     """Limits by which the block is judged."""
+    rules_stand: bool = True
+    """Whether they are those on disk: nobody signs while their file is broken."""
     sheets: tuple[MapSheet, ...] = ()
     """Map sheets as they were cut last."""
     exposed: Mapping[str, str] = field(default_factory=dict[str, str])

@@ -11,8 +11,9 @@ import pytest
 from app.desk.loop import ReviewLoop
 from app.desk.messages import Measured, Screen, SeatLeft, SeatTaken, WrittenBeside
 from core.errors import Cancelled, StorageError
+from core.quality.check_plan import CheckPlace
 from core.sheets.delivery import Delivery
-from sessions.checks import version_on_disk
+from sessions.checks import new_plan, version_on_disk
 from sessions.decisions import (
     Accept,
     AddPoint,
@@ -45,6 +46,7 @@ from ui.review.gestures import (
     RemakeCancelled,
     RoleSwitched,
     Selected,
+    SheetAsked,
     Stepped,
     TakenBack,
     Undone,
@@ -678,3 +680,14 @@ def test_sheets_that_were_cut_are_there_to_be_drawn_from_and_another_lot_is_told
         assert sheets()["sample"]["state"] == "changed"
     finally:
         desk.close()
+
+
+def test_what_another_program_decided_is_there_when_a_sheet_is_opened__law(desk: Any) -> None:
+    """A plan drawn in a terminal was not seen, and a place of the one before was read."""
+    place = CheckPlace("01", 1.0, 2.0)
+    plan = new_plan((place,), (1, 1), 1, "", beforehand=True, decisions=())
+    with Session.open(desk.session.folder, "bob") as other:
+        other.record(plan)
+    desk.loop.submit(SheetAsked("anna-1", "checks", shown=True))
+    desk.glass.until(lambda glass: glass.parts["anna-1"].get("checks", {}).get("plan"))
+    assert [one["place"] for one in desk.glass.parts["anna-1"]["checks"]["places"]] == ["1-01"]

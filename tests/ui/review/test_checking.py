@@ -213,6 +213,20 @@ def test_who_still_reads_is_told_nothing_of_what_readings_say__law(desk: DeskSna
     assert not reads("ada", *all_places, *second[:1])
 
 
+def test_a_place_of_a_plan_that_was_replaced_is_not_read_in_silence__law(
+    desk: DeskSnapshot,
+) -> None:
+    first = recorded()
+    plan = new_plan(PLACES, (4, 2), 2, "", beforehand=True, decisions=first)
+    more = [*first, Recorded(2, "2026-01-01T10:01", "bob", plan)]
+    seen = CheckRead("s", "1-01", (1.0, 2.0), (1.5, 2.0), "", 7)
+    at = replace(desk, recorded=more, mosaic_version=VERSION)
+    told = Notice("notice.check-replanned", grave=True)
+    assert decided_judgement(seen, at) == ((), told)
+    (kept,), notice = decided_judgement(seen, replace(at, recorded=first))
+    assert (kept.place_id, notice) == ("1-01", None)
+
+
 def test_nobody_signs_what_does_not_stand__law(desk: DeskSnapshot) -> None:
     busy = replace(desk, state=replace(desk.state, adjusting=True))
     stale = replace(desk, stale=("A",))
@@ -231,6 +245,7 @@ def test_nobody_signs_what_does_not_stand__law(desk: DeskSnapshot) -> None:
     assert not signed("accept", "", replace(desk, mosaic_version=""))
     assert not signed("accept", "", desk)  # not good enough
     assert not signed("reject", "", desk)
+    assert not signed("reject", "a shifted corner", replace(desk, rules_stand=False))
     assert not signed("accept-with-remarks", "", desk)
     assert signed("reject", "a shifted corner", stale)
 

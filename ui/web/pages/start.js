@@ -71,8 +71,10 @@ function folderPart({ folder, blocks, home }) {
   if (!blocks.length) return parts;
   const lines = blocks.map((one) => {
     const broken = one.why && one.written;
-    const sign = broken ? "!" : one.run ? "\u2713" : "\u00b7";
-    return element("li", { class: "have" }, element("i", { class: broken ? "broken" : "" }, sign),
+    const rejected = one.signed.some(([, verdict, holds]) => holds && verdict === "reject");
+    const sign = broken ? "!" : rejected ? "\u2717" : one.run ? "\u2713" : "\u00b7";
+    return element("li", { class: "have" },
+      element("i", { class: broken || rejected ? "broken" : "" }, sign),
       element("span", {}, element("button", { disabled: start.guest,
         onclick: () => open(one.path) }, one.path),
       element("small", {}, blockTold(one).join(" \u00b7 "))));
