@@ -38,6 +38,7 @@ from core.raster.ortho import open_ortho
 from sessions.atomic_write import whole_file
 from sessions.checks import keep_written
 from sessions.decisions import standing_seam_edits
+from sessions.products import Products
 from sessions.session import Session
 
 FILE, SEAMS = "mosaic.tif", "seams.gpkg"
@@ -93,19 +94,31 @@ def make_mosaic(
     drawing = whole_file(seams) if mine is None else nullcontext(None)
     with drawing as seams_part, whole_file(target) as mosaic_part:
         product = compose_mosaic(
-            orthos, grid, mosaic_part, seams_part, seams=mine, dates=project.taken,
-            guides=seam_guides(project, grid.bounds), planes=film_planes(session, names),
+            orthos,
+            grid,
+            mosaic_part,
+            seams_part,
+            seams=mine,
+            dates=project.taken,
+            guides=seam_guides(project, grid.bounds),
+            planes=film_planes(session, names),
             former=None if tiles is None else FormerMosaic(target, tiles),
             stamps={ortho.photo_id: products.digest_of(ortho.path) for ortho in orthos},
-            redraw=hand, options=options, progress=progress,
-        )  # fmt: skip
+            redraw=hand,
+            options=options,
+            progress=progress,
+        )
         if seams_part is not None:
             _remember_drawn(session, seams_part)
-    product = replace(product, path=target)
-    products.save_value(TILES, products.digest_of(target), product.tiles)
     products.save_value(SEAMS_DRAWN, inputs, (hand.before, hand.edits))
-    products.save_value("mosaic", products.digest_of(inputs, target), product)
-    keep_written(products, target)
+    return _kept(products, inputs, replace(product, path=target))
+
+
+def _kept(products: Products, inputs: str, product: MosaicProduct) -> MosaicProduct:
+    """A mosaic that is whole on disk, kept with its tiles and with what its file looks like."""
+    products.save_value(TILES, products.digest_of(product.path), product.tiles)
+    products.save_value("mosaic", products.digest_of(inputs, product.path), product)
+    keep_written(products, product.path)
     return product
 
 

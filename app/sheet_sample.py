@@ -39,10 +39,7 @@ def draw_sample(project: Project, session: Session, seed: int | None = None) -> 
     if gone := gone_sheets(session):
         raise ProjectError(
             gone[0],
-            say(
-                "is gone; {count:# file|# files} of the map sheets missing.",
-                count=len(gone),
-            ),
+            say("is gone; files of map sheets that are missing: {count}.", count=len(gone)),
             say("Cut them again: gruber run {folder}", folder=project.folder),
         )
     chosen = secrets.randbelow(LARGEST_SEED) if seed is None else seed

@@ -216,7 +216,7 @@ def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
     """All that the desk knows as it opens."""
     state = first_state(desk)
     drawn = drawn_from_block(state.oriented)
-    return DeskSnapshot(
+    known = DeskSnapshot(
         desk.block,
         state,
         desk.dem,
@@ -226,11 +226,9 @@ def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
         height_sigma_m=desk.reference_sigma_m[2],
         ortho_sigma_m=desk.reference_sigma_m[0],
         ortho_pixel_m=desk.ortho.ground_sample_distance_m if desk.has_ortho else 0.0,
-        mosaic_version=desk.mosaic_version(),
-        sheets=sheets_on_disk(desk.session.products, desk.mosaic_version()),
-        rules=desk.rules() or USUAL_RULES,
         exposed=desk.exposed,
     )
+    return desk.with_products(known)
 
 
 def desk_inputs(

@@ -280,7 +280,7 @@ class ReviewLoop:
     def _take_gesture(self, gesture: Gesture) -> None:
         """What a gesture comes to: the decision on the disk before anything else."""
         before = still_asked(self._seat(gesture.seat_id), gesture)
-        if isinstance(gesture, QualityAsked | SheetAsked | Reviewed):  # Others may have been at it.
+        if isinstance(gesture, QualityAsked | SheetAsked | Reviewed):  # Others may have changed it.
             self._now = self._inputs.with_products(self._now)
             self._replay_due |= len(self._session.decisions()) > len(self._now.recorded)
             self._follow_decisions()
@@ -381,7 +381,8 @@ class ReviewLoop:
                 self._screen.tell(event.seat_id, Notice("notice.overtaken"))
                 return
             seat, decision = drafted, None
-        self._now = self._inputs.with_products(self._now)
+        if decision is not None:
+            self._now = self._inputs.with_products(self._now)
         if decisions := (*((decision,) if decision else ()), *event.more):
             self._record(decisions, seat)
         self._now = self._now.with_seat(seat)
@@ -443,9 +444,9 @@ class ReviewLoop:
     def _take_step(self, step: RemakeStep | FillStep) -> None:
         name = "remaking" if isinstance(step, RemakeStep) else "filling"
         before: Remaking | None = getattr(self._now.state, name)
-        ends = before is not None and before.cancelling
-        now = Remaking(step.done, step.total, step.what, step.seconds_left, ends)
-        self._change_state(**{name: now})
+        cancelling = before is not None and before.cancelling
+        making = Remaking(step.done, step.total, step.what, step.seconds_left, cancelling)
+        self._change_state(**{name: making})
 
     def _take_filled(self, event: FillEnded) -> None:
         """Record marks that were found by an example, and show them."""

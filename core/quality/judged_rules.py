@@ -40,7 +40,7 @@ class JudgedRule:
     finding: Finding
     """The gravest finding about it."""
     more: int
-    """Further findings about it that are not sound."""
+    """Further findings about it that are not sound; measurements that one tells of count each."""
     by_job: bool
     """Whether the job set one of its limits."""
 

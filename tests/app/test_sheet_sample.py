@@ -70,6 +70,6 @@ def test_sheets_that_are_gone_from_the_disk_are_no_lot__truth(folder: Path) -> N
         (folder / "results" / FOLDER / f"{name}.geotiff").unlink()
     with (
         Session.open(folder, "ada") as session,
-        pytest.raises(ProjectError, match=r"S03\.geotiff: is gone; 2 files of the map"),
+        pytest.raises(ProjectError, match=r"S03\.geotiff: is gone; files of map sheets.*: 2"),
     ):
         draw_sample(read_project(folder), session)
