@@ -163,7 +163,7 @@ def make_places(
     files, buildings = given.reference, project.reference.buildings
     version = version_on_disk(products)
     digest = products.digest_of(
-        PLACES, 5, version, mosaic.path, mosaic.seams, files, buildings, report.sigma_nought,
+        PLACES, 6, version, mosaic.path, mosaic.seams, files, buildings, report.sigma_nought,
         report.exterior_sigmas, report.tie_residuals_px,
     )  # fmt: skip
     kept: tuple[str, tuple[FaultPlace, ...]] | None = products.load_value(PLACES, digest)

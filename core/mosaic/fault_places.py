@@ -79,7 +79,7 @@ class FaultPlace:
     north: float
     """Northing, metres."""
     photo_ids: tuple[str, ...]
-    """The photo that is off; of two, the one first that is off at more places."""
+    """The photo that is off; of two, the likelier one first."""
     shift_m: tuple[float, float]
     """By how much (east, north), metres: of the mosaic against the reference, of the second photo
     against the first, of the ground by the heights, of what ties say."""
@@ -136,9 +136,10 @@ def worst_places(
     found += seam_places(fits, errors)
     found += cut_houses(seams, buildings, errors, LEAST_CUT_PX * grid.ground_sample_distance_m)
     found += [] if dem is None else ground_places(dem, grid.bounds, seams, errors)
-    found += tie_places(errors)
+    tied = tied_pairs(errors)
+    found += tie_places(tied, errors)
     worst = sorted(found, key=lambda place: -place.least_m)[:MOST]
-    return tuple(_suspect_first(place, worst) for place in worst)
+    return tuple(_suspect_first(place, worst, tied) for place in worst)
 
 
 def misfit_findings(places: Sequence[FaultPlace]) -> tuple[Finding, ...]:
@@ -159,17 +160,38 @@ def misfit_findings(places: Sequence[FaultPlace]) -> tuple[Finding, ...]:
     return (Finding("misfit-places", DOUBTFUL, told),)
 
 
-def _suspect_first(place: FaultPlace, places: Sequence[FaultPlace]) -> FaultPlace:
-    """A place of two photos with the one first that is off at more places."""
+def _suspect_first(
+    place: FaultPlace, places: Sequence[FaultPlace], tied: Sequence[Compared]
+) -> FaultPlace:
+    """A place of two photos with the one first that other photos say is off.
+
+    Two rays do not say which of them is wrong: ties with third photos near by do, or else how many
+    places each photo has.
+    """
     if place.kind not in ("seam", "ties"):
         return place
-    first, second = (
-        sum(name in one.photo_ids for one in places if one.significant) for name in place.photo_ids
-    )
+    first, second = (_off_with_others(place, name, tied) for name in place.photo_ids)
+    if first == second:
+        first, second = (
+            sum(name in one.photo_ids for one in places if one.significant)
+            for name in place.photo_ids
+        )
     if second <= first:
         return place
     turned, (east, north) = place.photo_ids[::-1], place.shift_m
     return replace(place, photo_ids=turned, shift_m=(-east, -north))
+
+
+def _off_with_others(place: FaultPlace, photo_id: str, tied: Sequence[Compared]) -> bool:
+    """Whether a photo of a place is off about as far by its ties with third photos near by."""
+    (other,) = set(place.photo_ids) - {photo_id}
+    rows = [ties for pair, ties, _ in tied if photo_id in pair and other not in pair]
+    ties = np.concatenate([np.zeros((0, 4)), *rows])
+    away = np.hypot(ties[:, 0] - place.east, ties[:, 1] - place.north)
+    near = ties[np.argsort(away)[:TIE_HOOD], 2:]
+    return len(near) == TIE_HOOD and bool(
+        np.median(np.linalg.norm(near, axis=1)) > place.length_m / 2
+    )
 
 
 def seam_places(fits: Sequence[SeamFit], errors: BlockErrors) -> list[FaultPlace]:
@@ -232,9 +254,9 @@ def ground_places(
     return [place for place in found.values() if place.significant]
 
 
-def tie_places(errors: BlockErrors) -> list[FaultPlace]:
+def tie_places(tied: Sequence[Compared], errors: BlockErrors) -> list[FaultPlace]:
     """Where neighbouring ties of two photos agree that they do not fit, in use or left out."""
-    return _agreed("ties", _tied_pairs(errors), TIE_HOOD, errors)
+    return _agreed("ties", tied, TIE_HOOD, errors)
 
 
 def _agreed(
@@ -355,7 +377,7 @@ def _standing_out(dem: Dem, bounds: Bounds, reduction: int) -> tuple[Vectors, Sc
     )
 
 
-def _tied_pairs(errors: BlockErrors) -> list[Compared]:
+def tied_pairs(errors: BlockErrors) -> list[Compared]:
     """Ties of every two photos, those left out as gross errors too: place, second minus first.
 
     Ties lie on details that are distinct either way: their scatter tells how well. Roofs and crowns

@@ -280,6 +280,27 @@ def test_a_place_of_misfit_leads_to_its_cause_and_the_queue__law(
     page.wait_for_function("photo => gruber.parts.queue.filter.photo === photo", arg=other)
 
 
+def test_a_place_of_two_photos_leads_to_either__law(sit_at: Sit, real_desk: RealDesk) -> None:
+    """Two rays do not say which of them is wrong."""
+    page = sit_at(real_desk.desk.url, scene=False)
+    open_mosaic(page)
+    *pair, edge = seam_of(page)
+    page.evaluate(
+        """async ([photos, place]) => {
+          const { showMosaic } = await import("/pages/mosaic.js");
+          const { found } = gruber.mosaicState();
+          const [first] = found.misfits;
+          showMosaic({ ...found, misfits: [{ ...first, kind: "ties", place, photos }] });
+        }""",
+        [pair, edge[:2]],
+    )
+    page.locator("[data-misfit]").click()
+    for here, other in (pair, pair[::-1]):
+        page.wait_for_function("p => gruber.mosaicState().picked?.photo === p", arg=here)
+        assert page.inner_text("#mosaic-other") in other
+        page.click("#mosaic-other")
+
+
 def test_a_new_mosaic_leaves_the_focus_where_words_are_typed__law(
     sit_at: Sit, real_desk: RealDesk
 ) -> None:

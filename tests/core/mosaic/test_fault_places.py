@@ -19,6 +19,7 @@ from core.mosaic.fault_places import (
     misfit_findings,
     seam_places,
     tie_places,
+    tied_pairs,
     worst_places,
 )
 from core.mosaic.misfit import BlockErrors
@@ -114,8 +115,8 @@ def test_a_spike_of_the_heights_is_named_with_its_size__truth(run, tmp_path):
 
 
 def test_ties_of_two_photos_that_agree_on_a_shift_are_a_place__truth(run):
-    _, _, errors = run
-    assert tie_places(errors) == []
+    _, mosaic, errors = run
+    assert tie_places(tied_pairs(errors), errors) == []
     ties, positions = errors.report.block.ties, errors.report.tie_positions
     own = np.flatnonzero((ties.photo == 0) & np.isfinite(positions[ties.point, 0]))
     middle = np.median(positions[ties.point[own], :2], axis=0)
@@ -125,9 +126,11 @@ def test_ties_of_two_photos_that_agree_on_a_shift_are_a_place__truth(run):
     pixels[group] += (4.0, 0.0)
     wrong = TiePoints(ties.photo_ids, ties.point, ties.photo, pixels, ties.sigma_px)
     block = replace(errors.report.block, ties=wrong)
-    found = tie_places(replace(errors, report=replace(errors.report, block=block)))
+    planted = replace(errors, report=replace(errors.report, block=block))
+    found = worst_places((), (), mosaic.seams, (), errors=planted, grid=mosaic.grid, dem=None)
     assert found
-    assert all(ties.photo_ids[0] in place.photo_ids for place in found)
+    # Third photos see the group: they tell which of two it is.
+    assert {place.photo_ids[0] for place in found} == {ties.photo_ids[0]}
     reach = np.hypot(*(positions[ties.point[group], :2] - middle).T).max() + 100
     assert all(np.hypot(place.east - middle[0], place.north - middle[1]) < reach for place in found)
 
@@ -146,7 +149,8 @@ def test_ties_on_roofs_disagree_with_the_ground_and_not_with_each_other__law(run
             aside = np.hypot(*(points[:, :2] - np.median(positions, axis=0)).T)
             return errors.heights.heights(points) - 15.0 * (aside <= reach)
 
-    assert bool(tie_places(replace(errors, heights=Lower()))) == tell
+    lower = replace(errors, heights=Lower())
+    assert bool(tie_places(tied_pairs(lower), lower)) == tell
 
 
 def test_the_list_is_one_with_what_is_surely_there_first__law(run):

@@ -34,7 +34,7 @@ export function mosaicSide(found, picked, status, acts) {
       count: found.seams?.length ?? 0, when: found.written ?? "",
     })),
     ...stale(found, status, acts), ...sheetSide(found, acts), ...misfits(found, picked, acts),
-    ...place(picked, acts),
+    ...place(found, picked, acts),
     ...markFault(picked), ...behind(picked), ...faultList(found, acts.ask, acts.refresh),
     ...editSide(found),
     ...holes(found, acts),
@@ -64,8 +64,8 @@ function stale(found, status, { remake }) {
 const figure = (name, value) => element("div", { class: "figure" },
   element("span", {}, word(`mosaic.${name}`)), element("b", { "data-figure": name }, value));
 
-/** @param {PickedPlace | null} picked @param {Acts} acts */
-function place(picked, { leave }) {
+/** @param {Mosaic} found @param {PickedPlace | null} picked @param {Acts} acts */
+function place(found, picked, { ask, leave }) {
   if (!picked) return [element("p", { class: "muted" }, word("mosaic.pick"))];
   const { photo, place: at } = picked;
   const where = figure("place", at.slice(0, 2).map((value) => number(value, 1)).join("  "));
@@ -89,6 +89,7 @@ function place(picked, { leave }) {
     element("h3", { id: "mosaic-photo", title: photo }, shortName(photo),
       picked.shown === photo ? "" : ` \u00b7 ${word("mosaic.beside")}`,
       picked.stale ? ` \u00b7 ${word("mosaic.moved")}` : ""),
+    ...otherOf(found, picked, ask),
     element("div", { class: "board-figures" },
       figure("date", picked.date || word("mosaic.unknown")), figure("pixel", number(picked.pixel,
         2, "m")), figure("sigma", precision), where, figure("height", number(at[2], 1, "m")),
@@ -98,6 +99,18 @@ function place(picked, { leave }) {
       element("button", { id: "mosaic-queue", onclick: queue, disabled: !picked.points },
         word("mosaic.queue"))),
   ];
+}
+
+/**
+ * Leads from one photo of a likely fault to the other one.
+ * @param {Mosaic} found @param {PickedPlace} picked @param {Acts["ask"]} ask
+ */
+function otherOf({ misfits: places = [] }, picked, ask) {
+  const pair = places.find(({ photos, place: at }) => photos.length > 1 && isAt(picked, at));
+  const other = pair?.photos.find((name) => name !== picked.photo);
+  return pair && other ? [element("p", { class: "muted" }, `${word("mosaic.pair")} `,
+    element("button", { id: "mosaic-other", onclick: () => ask(pair.place, other) },
+      shortName(other)))] : [];
 }
 
 /** What lies behind a place: what holds its photo, and which photos see it. */
