@@ -16,7 +16,7 @@ import numpy as np
 import rasterio
 import rasterio.shutil
 from jaxtyping import Float32, Int32
-from shapely import STRtree, clip_by_rect
+from shapely import STRtree
 from shapely.geometry import box
 
 from core.mosaic.blending import cells_about, spread, tone_corrections
@@ -412,7 +412,7 @@ def _burnt(work: _Work, part: Grid) -> tuple[Int32[np.ndarray, "rows columns"], 
     if len(chosen) == 1 and work.seams[chosen[0]].area.covers(here):
         return np.full((part.rows, part.columns), work.seam_orthos[chosen[0]], np.int32), chosen
     # Burning costs time for every vertex, wherever it lies.
-    shapes = [(clip_by_rect(work.seams[k].area, *here.bounds), work.seam_orthos[k]) for k in chosen]
+    shapes = [(work.seams[k].area.intersection(here), work.seam_orthos[k]) for k in chosen]
     moved = replace(part, west=part.west + ASIDE_PX[0] * gsd, north=part.north + ASIDE_PX[1] * gsd)
     return burn(shapes, moved, empty=-1), chosen
 

@@ -344,7 +344,7 @@ def _point(
 
 def _outside(mask: BaseGeometry, grid: Grid) -> Bool[np.ndarray, "rows columns"]:
     """Pixels that do not touch the mask."""
-    near = shapely.clip_by_rect(mask, *grid.bounds)
+    near = mask.intersection(shapely.box(*grid.bounds))
     if near.is_empty:
         return np.ones((grid.rows, grid.columns), dtype=bool)
     transform = Affine.from_gdal(*grid.geotransform)

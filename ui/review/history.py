@@ -56,8 +56,10 @@ KEPT = 60
 """So many are kept; the first one always."""
 
 
-def history_of(key: Key, recorded: Sequence[Recorded], extra: Extra) -> list[dict[str, Any]]:
-    """Decisions about a measurement or its point, newest first, for the page."""
+def history_of(
+    key: Key, recorded: Sequence[Recorded], extra: Extra, operator: str
+) -> list[dict[str, Any]]:
+    """Decisions about a measurement or its point, newest first, for the page of an operator."""
     stands = {item.decision_id for item in standing(recorded)}
     withdrawn = withdrawals(recorded)
     explained = _explained(recorded)
@@ -77,6 +79,7 @@ def history_of(key: Key, recorded: Sequence[Recorded], extra: Extra) -> list[dic
             "what": type(item.decision).__name__,
             "detail": _detail(item.decision),
             "stands": item.decision_id in stands,
+            "turns": _may_turn(item, operator),
             "by": withdrawn[item.decision_id].who if item.decision_id in withdrawn else "",
         }
         for item in reversed(about[-LONGEST:])
@@ -441,7 +444,7 @@ def taken_back(
     Signatures and faults stay theirs who vouched for them: others sign too, or close the fault.
     """
     item = next((one for one in recorded if one.decision_id == decision_id), None)
-    if item is not None and item.who != operator and _vouches(item.decision):
+    if item is not None and not _may_turn(item, operator):
         return (), Notice("notice.not-yours", {"who": item.who}, grave=True)
     stands = standing(recorded)
     if any(one.decision_id == decision_id for one in stands):
@@ -468,6 +471,7 @@ def asked_back(
     return turned, seat, notice
 
 
-def _vouches(decision: Decision) -> bool:
-    """Whether a decision is a signature or a fault."""
-    return isinstance(decision, SignBlock) or is_fault(decision)
+def _may_turn(item: Recorded, operator: str) -> bool:
+    """Whether an operator may take a decision back: signatures and faults only their own."""
+    vouches = isinstance(item.decision, SignBlock) or is_fault(item.decision)
+    return item.who == operator or not vouches

@@ -30,10 +30,10 @@ from sessions.remarks import standing_faults
 from ui.review.history import subject_of
 from ui.review.judgement import footprint_polygons
 from ui.review.looks import short
-from ui.review.queue import passes, with_filter
+from ui.review.queue import passes, sort_keys, with_filter
 from ui.review.sight import photos_over
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Area, Key, Notice, QueueFilter, Seat, ShownMosaic
+from ui.review.state import Area, Key, Notice, QueueFilter, Seat, ShownMosaic, Sorting
 
 Part = dict[str, Any]
 MOST_PLACES = 2000
@@ -416,7 +416,6 @@ def near_place(gesture: NearAsked, seat: Seat, desk: DeskSnapshot) -> Seat:
     if not near:
         return seat
     seat = with_filter(seat, desk.rows, QueueFilter("all", gesture.photo_id))
-    keys = [key for _, key in near]
-    beside = set(keys)
-    rest = (key for key in seat.order if key not in beside)
-    return replace(seat, order=(*keys, *rest), current=keys[0])
+    sorting = Sorting("distance", descending=False, place=(gesture.east, gesture.north))
+    order = sort_keys(desk.rows.values(), sorting)
+    return replace(seat, sorting=sorting, order=order, current=near[0][1])

@@ -76,7 +76,7 @@ from ui.review.queue import (
     with_filter,
 )
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Draft, Key, Notice, Seat, Sorting
+from ui.review.state import Draft, Key, Notice, Seat
 from ui.review.to_measure import WAITING, by_view
 from ui.review.trial import is_to_be_asked
 from ui.review.verdicts import decision_of, not_placed, refusal, standing_verdict
@@ -492,7 +492,7 @@ def _moved(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Seat:
         case Selected(key=key) if key in desk.rows:
             return showing(seat, desk.rows, key)
         case Sorted(column=column, descending=descending):
-            sorting = Sorting(column, descending)
+            sorting = replace(seat.sorting, column=column, descending=descending)
             return replace(seat, sorting=sorting, order=sort_keys(desk.rows.values(), sorting))
         case Filtered(wanted=wanted):
             return with_filter(seat, desk.rows, wanted)

@@ -205,7 +205,7 @@ def seat_point(seat: Seat, desk: DeskSnapshot) -> Part:
         return None
     draft, state, rows = seat.draft_of(key), desk.state, desk.rows
     blind = is_blind(state, seat, key)
-    history = history_of(key, desk.recorded, desk.state.extra)
+    history = history_of(key, desk.recorded, desk.state.extra, seat.operator)
     if blind:
         state = blinded(state, seat, key[0])
         hidden = desk.state.block.measurements.keys() - state.block.measurements.keys()

@@ -495,5 +495,6 @@ def _figure(row: Row, sorting: Sorting) -> float | tuple[str, str]:
     figures: dict[SortColumn, float | tuple[str, str]] = {
         "photo": (row.key[1], row.key[0]), "point": row.key, "misfit": row.misfit_px,
         "doubt": row.doubt, "score": row.score, "gain": row.gain,
+        "distance": math.dist(row.place, sorting.place),
     }  # fmt: skip
     return figures[sorting.column]

@@ -1,8 +1,9 @@
 """State of the desk and of each seat, as frozen values."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from core.adjustment.adjusted import OUT, AdjustmentReport
 from core.adjustment.expected_gain import Gain
@@ -30,18 +31,15 @@ Made = Mapping[str, tuple[Photo, Camera]]
 """Photos, each with the orientation and the camera its ortho was made with."""
 Kind = Literal["control", "check", "new", "tie", "photo", "fiducial"]
 """What a row of the queue is about."""
-KINDS: tuple[Kind, ...] = ("control", "check", "new", "tie", "photo", "fiducial")
+KINDS: tuple[Kind, ...] = get_args(Kind)
 POINT_KINDS: tuple[Kind, ...] = ("control", "check", "new")
-SortColumn = Literal["gain", "doubt", "misfit", "photo", "point", "score"]
-SORT_COLUMNS: tuple[SortColumn, ...] = ("gain", "doubt", "misfit", "photo", "point", "score")
+SortColumn = Literal["gain", "doubt", "misfit", "photo", "point", "score", "distance"]
+SORT_COLUMNS: tuple[SortColumn, ...] = get_args(SortColumn)
 StateFilter = Literal[
     "open", "measure", "second", "all", "disputed", "unchecked", "accepted", "rejected", "dubious",
     "unused",
 ]  # fmt: skip
-STATE_FILTERS: tuple[StateFilter, ...] = (
-    "open", "measure", "second", "all", "disputed", "unchecked", "dubious", "accepted", "rejected",
-    "unused",
-)  # fmt: skip
+STATE_FILTERS: tuple[StateFilter, ...] = get_args(StateFilter)
 Sheet = Literal["", "board", "placement", "mask", "mosaic", "checks"]
 """A view laid over the desk, beside that of the block's quality."""
 SHEETS: tuple[Sheet, ...] = ("board", "placement", "mask", "mosaic", "checks")
@@ -64,6 +62,8 @@ class Sorting:
     """What by."""
     descending: bool = True
     """Largest first."""
+    place: tuple[float, float] = (math.nan, math.nan)
+    """What distances are counted from, metres east and north."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -146,6 +146,8 @@ interface HistoryItem {
   what: string;
   detail: [word: string, values: Record<string, string>];
   stands: boolean;
+  /** Whether the operator of this page may take it back. */
+  turns: boolean;
   by: string;
 }
 interface Point {

@@ -359,7 +359,7 @@ def test_the_chapter_of_doubts_names_all_that_the_filter_of_disputed_points_show
     text = text_of(html.read_text(encoding="utf-8"))
     chapter = text[text.index("doubts are open") :]
     assert all(f"{one.metres:.1f} m (9.0 px) away" in chapter for one in many)
-    assert f"{many[0].metres:.1f} m: {many[0].point_id} and 13 more" in text
+    assert f"{many[0].metres:.1f} m: {many[0].point_id} (13 more findings)" in text
 
 
 def test_few_and_many_check_points_have_one_limit_in_the_whole_report__law(content, tmp_path):

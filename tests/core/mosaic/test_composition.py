@@ -109,6 +109,21 @@ def test_edited_seams_are_obeyed__truth(block, tmp_path):
     assert np.mean(part[inner > 0] == inner[inner > 0]) > 0.97
 
 
+def test_a_seam_that_runs_out_and_back_along_one_line_is_composed__oracle(block, tmp_path):
+    """GEOS does not clip most of such spikes by a rectangle; they come of edits that overlap."""
+    west, south, east, north = mosaic_grid(block).bounds
+    corner, rng, spikes = np.array([west, north]), np.random.default_rng(978), []
+    for _ in range(20):
+        foot, tip = rng.uniform(100, 400, 2)
+        low, high = np.array([foot, -40.0]), np.array([tip, 96.0])
+        turn = low + 0.75 * (high - low)
+        ring = np.array([turn - (0, 30), turn, low, high]) + corner
+        spikes += [Seam("c", "", area)] if (area := shapely.Polygon(ring)).is_valid else []
+    assert len(spikes) > 4
+    seams = [Seam("d", "", shapely.box(west, south, east, north)), *spikes]
+    assert compose(block, tmp_path, seams=seams).covered_share > 0
+
+
 def test_tiles_of_the_mosaic_do_not_show__law(block, tmp_path):
     images = []
     for side in (64, 1024):

@@ -65,7 +65,7 @@ def test_only_what_concerns_the_point_is_told_newest_first__law():
         Accept(*KEY), Accept("J101", "b"), SetRole("J101", "check"), Reject("J102", "a", "hidden"),
         Reject(*KEY, "changed"),
     )  # fmt: skip
-    told = history_of(KEY, recorded, NO_EXTRA)
+    told = history_of(KEY, recorded, NO_EXTRA, "anna")
     assert [line["what"] for line in told] == ["Reject", "SetRole", "Accept"]
     assert all(line["stands"] for line in told)
 
@@ -75,7 +75,9 @@ def test_words_about_point_photo_and_decisions_are_told_with_them__law():
         Remark("point", "J101", "a"), Remark("photo", "a", "b"), Remark("photo", "b", "c"),
         Remark("decision", "1", "d"), Remark("decision", "6", "e"),
     )  # fmt: skip
-    told = history_of(KEY, said(Reject(*KEY, "changed"), *words, Accept("J9", "b")), NO_EXTRA)
+    told = history_of(
+        KEY, said(Reject(*KEY, "changed"), *words, Accept("J9", "b")), NO_EXTRA, "anna"
+    )
     assert [line["detail"] for line in told[:-1]] == [
         ("detail.words", {"words": one}) for one in "dba"
     ]
@@ -84,11 +86,19 @@ def test_words_about_point_photo_and_decisions_are_told_with_them__law():
 def test_a_withdrawn_decision_says_by_whom__law():
     first, *_ = said(Accept(*KEY))
     back = Recorded(2, "2026-01-01T00:01:00", "berta", Withdraw(1))
-    line = history_of(KEY, (first, back), NO_EXTRA)[0]
+    line = history_of(KEY, (first, back), NO_EXTRA, "anna")[0]
     assert (line["stands"], line["by"]) == (False, "berta")
     again = Recorded(3, "2026-01-01T00:02:00", "anna", Withdraw(2))
-    assert history_of(KEY, (first, back, again), NO_EXTRA)[0]["stands"]
+    assert history_of(KEY, (first, back, again), NO_EXTRA, "anna")[0]["stands"]
     assert touched_by(again, (first, back, again)) is first
+
+
+def test_a_fault_is_taken_back_by_whom_marked_it_alone__law():
+    (fault,) = said(Remark("photo", "a", "two roads", fault="double"))
+    (line,), (other,) = (history_of(KEY, (fault,), NO_EXTRA, who) for who in ("anna", "berta"))
+    assert line["turns"]
+    assert not other["turns"]
+    assert taken_back(fault.decision_id, (fault,), "berta", again=False)[1] is not None
 
 
 @pytest.mark.parametrize(
@@ -104,7 +114,7 @@ def test_a_withdrawn_decision_says_by_whom__law():
     ],
 )
 def test_details_read_as_they_were_decided__truth(decision, detail):
-    text, values = history_of(KEY, said(decision), NO_EXTRA)[0]["detail"]
+    text, values = history_of(KEY, said(decision), NO_EXTRA, "anna")[0]["detail"]
     assert (Teller()(text, **values) if text else "") == detail
 
 
@@ -114,13 +124,13 @@ def test_a_rejection_and_its_reason_are_one_line__law():
     others = Reject("J102", "a", "other"), Reject("J102", "a", "changed")
     together = said(plain, others[0], Withdraw(1), Withdraw(2), reason, others[1])
     for key in (KEY, ("J102", "a")):
-        lines = history_of(key, together, NO_EXTRA)
+        lines = history_of(key, together, NO_EXTRA, "anna")
         assert [line["detail"][0] for line in lines] == ["reason.2"]
     # What was withdrawn and not given a reason at once stays in sight.
-    assert len(history_of(KEY, said(plain, Withdraw(1), Accept(*KEY)), NO_EXTRA)) == 2
+    assert len(history_of(KEY, said(plain, Withdraw(1), Accept(*KEY)), NO_EXTRA, "anna")) == 2
     *before, later = said(plain, Withdraw(1), reason)
     apart = (*before, replace(later, when="2026-01-01T00:01:00"))
-    assert len(history_of(KEY, apart, NO_EXTRA)) == 2
+    assert len(history_of(KEY, apart, NO_EXTRA, "anna")) == 2
 
 
 def test_the_measurement_a_decision_is_about__truth():

@@ -73,7 +73,7 @@ function showHistory(point) {
   if (shows(room, point && [point.key, point.history])) return;
   if (!point) return room.replaceChildren();
   const { key, history } = point;
-  const lines = history.map(({ id, when, who, what, detail, stands, by }) => {
+  const lines = history.map(({ id, when, who, what, detail, stands, turns, by }) => {
     const title = [`${moment(when)} UTC`, ...by ? [word("history.by", { who: by })] : []]
       .join(" \u00b7 ");
     const turn = stands ? "history.back" : "history.again";
@@ -83,7 +83,7 @@ function showHistory(point) {
     return element("li", { class: stands ? "" : "withdrawn", title },
       span(when.slice(11, 16), "faint"), span(word(`did.${what}`), ""),
       element("span", { class: "faint" }, clamped(word(...detail))), span(who, "muted"),
-      element("button", button, word(turn)));
+      turns ? element("button", button, word(turn)) : null);
   });
   const title = history.length ? [element("h3", {}, word("history"))] : [];
   return renew(room, ...title, element("ul", {}, ...lines), ...saying(key, history));

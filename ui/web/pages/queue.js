@@ -1,7 +1,7 @@
 // The queue: a virtual table; only the rows in sight exist.
 import {
-  MARKED_SIGMA, all, byId, element, learnPoints, number, roleGlyph, shortName, shortPoint, start,
-  stateGlyph, turn, word,
+  MARKED_SIGMA, all, byId, element, learnPoints, number, roleGlyph, shortName, shortPoint,
+  start, stateGlyph, turn, word,
 } from "./words.js";
 import { afterPause, letterOf } from "./view.js";
 import { finishBefore, isAhead, send } from "./wire.js";
@@ -10,15 +10,14 @@ const ROW = 25; // as `.row` in desk.css
 const TYPING_MS = 150; // design: a word typed is one search
 const MOST_SIGNS = 14; // design: of a scan's name, beside that of a point
 const ASIDE = 4; // design: rows beyond the edge of the table, so that scrolling shows no gap
-const STATES = [
-  "open", "measure", "second", "all", "disputed", "unchecked", "dubious", "accepted", "rejected",
-  "unused",
-];
+const STATES = ["open", "measure", "second", "all", "disputed", "unchecked", "dubious", "accepted",
+  "rejected", "unused"];
 const TO_MEASURE = ["predicted", "proposed"];
 const RARE = ["measure", "second", "unchecked"]; // shown where there is something in them
 const DONE = ["accepted", "rejected", "dubious"];
 const COLUMNS = ["point", "photo", "misfit", "score", "doubt"];
 const FIGURES = ["misfit", "score"];
+const SORTS = ["gain", "doubt", "misfit", "score", "photo", "point", "distance"];
 const RISING = ["photo", "point", "score"];
 const KINDS = ["control", "check", "new", "tie", "photo", "fiducial"];
 const POINTS = ["control", "check", "new"];
@@ -167,7 +166,6 @@ export function setUpQueue(tellMarked, refuse) {
   fill("sieve-photo", [["", word("photo.all")], ...photos], (photo) => sieve({ photo }));
   const kinds = KINDS.map((kind) => [kind, word(`role.${kind}`)]);
   fill("sieve-role", [["", word("role.both")], ...kinds], (role) => sieve({ role }));
-  const sorts = ["gain", "doubt", "misfit", "score", "photo", "point"];
   byId("sieve-text").placeholder = word("queue.search");
   byId("sieve-text").addEventListener("input", () => typed(byId("sieve-text").value));
   byId("sieve-text").addEventListener("change", () => byId("sieve-text").blur());
@@ -179,7 +177,7 @@ export function setUpQueue(tellMarked, refuse) {
   });
   byId("queue-empty").append(element("button", { id: "queue-all", onclick: showAll },
     word("queue.all"), element("kbd", {}, "A")));
-  fill("sort-column", sorts.map((name) => [name, word(`sort.${name}`)]), (column) => sort(column));
+  fill("sort-column", SORTS.map((name) => [name, word(`sort.${name}`)]), sort);
   byId("sort-column").title = word("sort.by");
   byId("sort-turn").title = word("sort.turn");
   byId("sort-turn").addEventListener("click", () => sort(state.queue?.sort.column ?? ""));
@@ -373,6 +371,8 @@ function showSieve({ counts, filter, sort: by }, kinds) {
   byId("sieve-role").value = filter.role;
   if (document.activeElement !== byId("sieve-text")) byId("sieve-text").value = filter.text;
   byId("sort-column").value = by.column;
+  // The last one is the distance from a place of the mosaic, for those who came from there.
+  byId("sort-column").options[SORTS.length - 1].hidden = by.column !== "distance";
   byId("sort-turn").textContent = by.descending ? "\u2193" : "\u2191";
   for (const heading of /** @type {Iterable<HTMLElement>} */ (byId("columns").children)) {
     heading.classList.toggle("by", heading.dataset.column === by.column);
