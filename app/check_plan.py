@@ -211,6 +211,8 @@ def _listed(
 ) -> tuple[DrawnPlan, list[str]]:
     """Places of a list: those within the block that do not steer it."""
     points = listed_points(file, crs)
+    if not points:
+        raise ProjectError(file, "lists no point.", "Write a row for each, below the heads.")
     inside = [p for p in points if shapely.contains_xy(request.ground, p.easting, p.northing)]
     free = [point for point in inside if point.point_id not in control]
     places = [

@@ -28,6 +28,7 @@ from core.sheets.map_sheets import MapSheet
 from sessions.checks import (
     StandingPlan,
     checked_figures,
+    outdated_readings,
     plan_readings,
     readings_of,
     replaced_readings,
@@ -104,13 +105,22 @@ def checked_by_hand(
     plans = standing_plans(decisions)
     if not plans:
         return None
-    figures = checked_figures(decisions, plans[-1], version)
-    freedom = predicted.freedom_at(_places_read(decisions, plans[-1], version))
+    newest = plans[-1]
+    figures = checked_figures(decisions, newest, version)
+    freedom = predicted.freedom_at(_places_read(decisions, newest, version))
     reference_m = float(2**0.5) * predicted.ortho_sigma_m
     foretold = compare_with_prediction(figures, predicted.relative_m, reference_m, freedom)
     limit = release_limit_m(report.block, rules)
     replaced = replaced_readings(decisions, version)
-    findings = reading_findings(figures, limit, foretold, replaced, rules=rules)
+    findings = reading_findings(
+        figures,
+        limit,
+        foretold,
+        replaced,
+        outdated=outdated_readings(decisions, newest, version),
+        late=not newest.plan.beforehand and not newest.plan.source,
+        rules=rules,
+    )
     return Checked(figures, foretold, tuple(findings))
 
 

@@ -48,7 +48,12 @@ class JudgedRule:
 POSITION = ("position_m", "position_px")
 RULES: tuple[Rule, ...] = (
     Rule("position", ("predicted-within", "predicted", "predicted-unknown"), GRUBER, POSITION),
-    Rule("read", ("read", "read-few", "read-replaced"), ASPRS, ("readings",)),
+    Rule(
+        "read",
+        ("read-few", "read-replaced", "read-late", "read-outdated", "read"),
+        ASPRS,
+        ("readings",),
+    ),
     Rule("read-position", ("read-within", "read-over"), GRUBER, POSITION),
     Rule("shift", ("read-shifted", "read-unshifted"), ORTHOPHOTO),
     Rule(

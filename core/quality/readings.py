@@ -140,7 +140,7 @@ class ReadingFigures:
     @property
     def observer_share(self) -> float:
         """Share of the mean square difference that is the observer's; NaN where not known."""
-        return min(1.0, (self.observer_m / self.together.m_p) ** 2)
+        return min(1.0, self.observer_part * (self.observer_m / self.together.m_p) ** 2)
 
     def enough(self, rules: JobRules = USUAL_RULES) -> bool:
         """Whether they allow a statement."""
@@ -339,6 +339,8 @@ def reading_findings(
     foretold: Foretold | None = None,
     replaced: int = 0,
     *,
+    outdated: int = 0,
+    late: bool = False,
     rules: JobRules = USUAL_RULES,
 ) -> Iterator[Finding]:
     """Whether enough was read, how good the mosaic is, and whether that was predicted.
@@ -349,6 +351,8 @@ def reading_findings(
         foretold: What was predicted; None where that is not known.
         replaced: Places that were read for earlier plans: whoever dislikes what is read may not
             silently plan anew.
+        outdated: Readings of the plan in an earlier mosaic.
+        late: Whether places were drawn after control had been searched.
         rules: Limits of the job.
     """
     told = {
@@ -359,7 +363,11 @@ def reading_findings(
     }
     if replaced:
         yield Finding("read-replaced", DOUBTFUL, {**told, "count": str(replaced)})
+    if late:
+        yield Finding("read-late", DOUBTFUL, told)
     enough = found.enough(rules)
+    if outdated:
+        yield Finding("read-outdated", int(not enough), {**told, "count": str(outdated)})
     yield Finding("read" if enough else "read-few", int(not enough), told)
     if not found.read:
         return
@@ -377,6 +385,13 @@ def reading_findings(
         shift = {"east": f"{together.mean_m[0]:+.2f}", "north": f"{together.mean_m[1]:+.2f}"}
         shifted = any(together.shifted)
         yield Finding("read-shifted" if shifted else "read-unshifted", int(shifted), shift)
+    yield _by_a_second(found, rules)
+    if foretold is not None and foretold.said != "unknown":
+        yield _against_prediction(foretold)
+
+
+def _by_a_second(found: ReadingFigures, rules: JobRules) -> Finding:
+    """How much was read twice, and what it tells of the observers."""
     least = doubled_least(found.read, rules)
     second = {"doubled": str(found.doubled), "read": str(found.read), "least": str(least)}
     if found.doubled:
@@ -386,9 +401,7 @@ def reading_findings(
         }
     kind = "second" if found.doubled >= least else "second-few"
     kind = kind if found.doubled or not least else "second-none"
-    yield Finding(kind, int(kind != "second"), second)
-    if foretold is not None and foretold.said != "unknown":
-        yield _against_prediction(foretold)
+    return Finding(kind, int(kind != "second"), second)
 
 
 def doubled_least(read: int, rules: JobRules = USUAL_RULES) -> int:

@@ -10,7 +10,7 @@ from app.check_plan import PlanWish, plan_checks
 from app.cli import main
 from app.project import read_project
 from app.run import Run, RunOptions
-from core.errors import PhotogrammetryError
+from core.errors import PhotogrammetryError, ProjectError
 from sessions.checks import standing_plans
 from sessions.session import Session
 from tests.app.test_run import Listener
@@ -87,6 +87,9 @@ def test_places_of_a_list_are_checked_instead_but_never_control__law(
     assert made.plan.cells == (0, 0)
     assert not made.enough
     assert len(made.remarks) == 3
+    listed.write_text(rows[0] + "\n", encoding="utf-8")
+    with Session.open(folder, "ada") as session, pytest.raises(ProjectError, match="lists no poi"):
+        plan_checks(read_project(folder), session, PlanWish(points=listed))
 
 
 def test_a_block_of_which_nothing_is_known_cannot_be_planned__truth(

@@ -178,6 +178,7 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
         "bounds": [round(value, 2) for value in product.grid.bounds],
         "area": round(product.covered_share * product.grid.columns * product.grid.rows * gsd**2),
         "stale": list(desk.stale),
+        "gone": desk.mosaic_gone,
         "edition": shown.edition,
         "changed": None if shown.changed is None else [round(v, 2) for v in shown.changed],
         "edits": [

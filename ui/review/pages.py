@@ -85,16 +85,11 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
     block, report, others = state.block, state.report, desk.others(seat.seat_id)
     people = tuple((other.current, other.operator) for other in others)
     adjusted = (block, report, state.before, state.extra, desk.drawn)
-    judged = desk.recorded, desk.mosaic_version, desk.sheets, seat.operator
+    judged = desk.recorded, desk.mosaic_version, desk.sheets, seat.operator, desk.rules
     subject = seat.draft_of(seat.current) or seat.current
     trial = desk.trials.get(subject) if subject else None
-    yield (
-        "point",
-        (
-            (seat, table, trial, desk.recorded, *adjusted),
-            lambda: seat_point(seat, desk),
-        ),
-    )
+    pointed = (seat, table, trial, desk.recorded, *adjusted)
+    yield "point", (pointed, lambda: seat_point(seat, desk))
     yield "rows", ((table.lines,), lambda: table.lines)
     yield "order", ((seat.order, table.places), lambda: order_part(seat, table.places))
     looked_at = [(key, name) for key, name in people if key]
@@ -117,6 +112,7 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
                 seat.operator,
                 len(seat.drafts) + len(seat.marks),
                 people,
+                desk.rules,
             ),
             lambda: status_part(state, desk.rows, desk.stale, seat, others, rules=desk.rules),
         ),
@@ -133,6 +129,7 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
                     desk.adjustments,
                     seat.pair,
                     *judged,
+                    desk.rules_stand,
                 ),
                 lambda: seat_quality(seat, desk),
             ),
@@ -170,11 +167,11 @@ def _sheet_parts(
         )
     if seat.sheet == "mosaic":
         sources = (state.mosaic, desk.stale, desk.outlines, state.report, desk.recorded)
-        of_sheets = desk.sheets, desk.mosaic_version, seat.operator
+        of_sheets = desk.sheets, desk.mosaic_version, seat.operator, desk.rules
         yield "mosaic", ((*sources, *of_sheets), lambda: seat_mosaic(seat, desk))
     if seat.sheet == "checks":
         shown = desk.mosaic_version, state.mosaic
-        sources = (desk.recorded, seat.operator, *shown, state.block, state.evidence)
+        sources = (desk.recorded, seat.operator, *shown, state.block, state.evidence, desk.rules)
         yield "checks", (sources, lambda: seat_checks(seat.operator, desk))
     if seat.sheet == "placement":
         yield "placement", (adjusted, lambda: placement_part(state, desk.initial, desk.doubts))
@@ -189,6 +186,7 @@ def seat_quality(seat: Seat, desk: DeskSnapshot) -> Part:
     told = quality_part(judged, desk.state, desk.adjustments, seat.pair, rules=desk.rules)
     now = parts_now(desk)
     told["sheets"] = sheets_part(desk, blind=reads)
+    told["broken"] = not desk.rules_stand
     return {**told, "reads": reads, "signatures": signatures_part(desk, now), "judged": now}
 
 

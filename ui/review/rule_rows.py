@@ -26,10 +26,11 @@ LIMIT_TEXTS: Mapping[str, str] = {
     "sheets": "rules.limit.sheets",
 }
 """Text of the limit, by rule."""
+READ = ("read", "read-few", "read-replaced", "read-late", "read-outdated")
 VALUE_TEXTS: Mapping[str, str] = {
     **dict.fromkeys(("predicted-within", "predicted"), "rules.value.metres"),
     **dict.fromkeys(("predicted-unknown", "diverged"), "rules.value.unknown"),
-    **dict.fromkeys(("read", "read-few", "read-replaced"), "rules.value.read"),
+    **dict.fromkeys(READ, "rules.value.read"),
     **dict.fromkeys(("read-within", "read-over"), "rules.value.interval"),
     **dict.fromkeys(("read-shifted", "read-unshifted"), "rules.value.shift"),
     **dict.fromkeys(("second", "second-few"), "rules.value.doubled"),

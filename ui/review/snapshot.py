@@ -81,6 +81,11 @@ class DeskSnapshot:
         return replay(self.base, recorded, self.initial.films, self.initial.cameras).block
 
     @property
+    def mosaic_gone(self) -> bool:
+        """Whether the file of the mosaic that is shown is no longer there, or another one."""
+        return self.state.mosaic is not None and not self.mosaic_version
+
+    @property
     def rows(self) -> Mapping[Key, Row]:
         """The queue's rows by key."""
         return self.table.rows

@@ -192,6 +192,8 @@ interface Milestone {
 }
 interface Quality {
   verdict: number;
+  /** Whether the rules on disk cannot be read. */
+  broken: boolean;
   findings: [word: string, grave: number, values: Record<string, string>][];
   sigma: number | null;
   mp: number | null;
@@ -392,6 +394,8 @@ interface Mosaic {
   hole_count?: number;
   /** Names the seams where edits changed them since the file was written; else 0. */
   edition?: number;
+  /** Whether its file is no longer there, or another one. */
+  gone?: boolean;
   /** Where: west, south, east, north, metres. */
   changed?: number[] | null;
   edits?: SeamEdited[];

@@ -143,7 +143,7 @@ def test_scatter_and_share_of_observers_are_recovered__truth() -> None:
     # The mean of two readings has half the observer's variance in it.
     m_p = np.sqrt(TRUE_M_P**2 - OBSERVER**2)
     assert found.together.m_p == pytest.approx(m_p, rel=0.04)
-    assert found.observer_share == pytest.approx(2 * OBSERVER**2 / m_p**2, rel=0.15)
+    assert found.observer_share == pytest.approx(OBSERVER**2 / m_p**2, rel=0.15)
 
 
 def test_extremes_keep_their_sign_and_few_readings_give_no_test__truth() -> None:
@@ -220,6 +220,14 @@ def test_few_readings_a_shift_and_a_single_observer_are_doubted__truth() -> None
     assert found["read-few"] == found["read-shifted"] == found["second-none"] == DOUBTFUL
     assert kinds(figures(30, 0.3, doubled=8))["second-few"] == DOUBTFUL
     assert kinds(figures(0, 1.0)) == {"read-few": DOUBTFUL}
+
+
+def test_late_places_are_doubted_and_readings_of_an_earlier_mosaic_told__law() -> None:
+    for count, doubt in ((30, SOUND), (0, DOUBTFUL)):
+        told = reading_findings(figures(count, 0.3), 0.8, outdated=12, late=True)
+        graves = {one.kind: one.grave for one in told}
+        assert graves["read-late"] == DOUBTFUL
+        assert graves["read-outdated"] == doubt
 
 
 def test_of_a_shift_nothing_is_said_before_there_is_a_scatter__law() -> None:

@@ -86,6 +86,11 @@ def test_without_a_mosaic_the_sheet_says_so__law() -> None:
     assert mosaic_part(tiny_snapshot()) == {"version": 0, "stale": []}
 
 
+def test_a_mosaic_whose_file_is_gone_is_told__law(desk: DeskSnapshot) -> None:
+    assert not mosaic_part(replace(desk, mosaic_version="one"))["gone"]
+    assert mosaic_part(replace(desk, mosaic_version=""))["gone"]
+
+
 def line_west_of_the_seam(desk: DeskSnapshot) -> list[list[float]]:
     """From the seam 60 m to the west, along it, and back."""
     assert desk.state.mosaic is not None

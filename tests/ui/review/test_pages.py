@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from core.quality.job_rules import USUAL_RULES
 from tests.ui.desk_block import tiny_snapshot
 from ui.review.pages import Pages, page_parts, seat_point
 from ui.review.queue import seat_down
@@ -41,6 +42,18 @@ def test_another_name_changes_what_shows_it__law(desk, seat):
     pages = Pages()
     pages.changed_parts(seat, desk)
     assert "status" in pages.changed_parts(replace(seat, operator="berta"), desk)
+
+
+def test_rules_changed_or_damaged_since_are_shown_where_the_block_is_judged__law(desk, seat):
+    """The verdict stood with the limits of before until something was decided."""
+    pages, judging = Pages(), replace(seat, quality=True)
+    first = pages.changed_parts(judging, desk)["quality"]
+    strict = replace(desk, rules=replace(USUAL_RULES, position_m=0.01))
+    changed = pages.changed_parts(judging, strict)
+    assert changed.keys() >= {"quality", "status"}
+    assert changed["quality"]["rules"] != first["rules"]
+    damaged = pages.changed_parts(judging, replace(strict, rules_stand=False))
+    assert damaged["quality"]["broken"]
 
 
 def test_a_page_that_was_opened_anew_gets_everything_again__law(desk, seat):

@@ -200,7 +200,9 @@ const button = (name, key, does, off = false) => element("button", {
 
 /** @param {CheckedPlace} place */
 function stateOf({ after, state: known, reason }) {
-  if (state.drafts.has(draftName())) return word("checks.state.draft");
+  if (state.drafts.has(draftName())) {
+    return word(state.marks.every(Boolean) ? "checks.state.draft" : "checks.state.half");
+  }
   if (state.left) return word("checks.state.left");
   if (known === "unreadable") return word(`unreadable.${reason}`);
   const beside = placeNamed(after);

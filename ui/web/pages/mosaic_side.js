@@ -52,12 +52,14 @@ function stale(found, status, { remake }) {
     const share = word(made, { share: Math.round(100 * making.share) });
     return [element("p", { id: "mosaic-stale", class: "doubted", role: "status" }, share)];
   }
-  if (!photos.length && !found.edition) return [];
+  if (!photos.length && !found.edition && !found.gone) return [];
   const names = photos.map(shortName).join(", ");
   const moved = photos.length ? [element("p", { id: "mosaic-stale", class: "doubted" },
     word("mosaic.stale", { count: photos.length, names }))] : [];
-  return [...moved, element("div", {}, element("button", { id: "mosaic-remake", onclick: remake,
-    disabled: start.guest, title: word("remake.tip") }, word("remake")))];
+  const gone = found.gone ? [element("p", { id: "mosaic-gone", class: "doubted" },
+    word("mosaic.gone"))] : [];
+  return [...gone, ...moved, element("div", {}, element("button", { id: "mosaic-remake",
+    onclick: remake, disabled: start.guest, title: word("remake.tip") }, word("remake")))];
 }
 
 /** @param {string} name @param {string} value */

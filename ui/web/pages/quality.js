@@ -165,9 +165,9 @@ const LEADS = {
   "inside-few-plan": toControl, "inside-few-heights": toControl,
   systematic: () => scrollTo("[data-map=pattern]"),
   "class-large": toPhotos,
-  "no-checks": toReadings, "read-few": toReadings, "read-replaced": toReadings,
-  "read-over": toReadings, "read-shifted": toReadings, "read-worse": toReadings,
-  "second-few": toReadings, "second-none": toReadings, ...Object.fromEntries(["open", "rejected",
+  "no-checks": toReadings, "second-few": toReadings, "second-none": toReadings,
+  ...Object.fromEntries(["few", "replaced", "late", "outdated", "over", "shifted", "worse"]
+    .map((of) => [`read-${of}`, toReadings])), ...Object.fromEntries(["open", "rejected",
     "rejected-before", "changed", "replaced"].map((of) => [`sheets-${of}`, toSamples])),
 };
 

@@ -86,7 +86,7 @@ function valueSaid(name, values) {
  * @param {Quality} found
  * @param {(text: string, values: Record<string, string>) => Node[]} look leads to what was found
  */
-export function ruled({ rules }, look) {
+export function ruled({ broken, rules }, look) {
   const heads = ["rule", "value", "limit", "source", "result"].map((name) =>
     element("th", {}, word(`rules.${name}`)));
   const lines = rules.map(([rule, grave, name, values, value, limit, source]) => element("tr",
@@ -96,7 +96,10 @@ export function ruled({ rules }, look) {
     cell(word(limit, values)),
     cell(element(source === "job" ? "b" : "span", {}, word(`rules.source.${source}`))),
     cell(element("b", { class: `grave${grave}` }, word(`grave.${grave}`)))));
-  return part("rules", element("table", { class: "rules" }, element("tr", {}, ...heads), ...lines));
+  const hint = broken ? [element("p", { id: "rules-broken", class: "doubted" },
+    word("rules.broken"))] : [];
+  return part("rules", ...hint,
+    element("table", { class: "rules" }, element("tr", {}, ...heads), ...lines));
 }
 
 /** @param {string} name @param {ReadRow} row */
