@@ -276,24 +276,25 @@ def ask_desk(folder: Path, fault: Planted) -> Found:
         hand.until(lambda parts: parts.get("mosaic", {}).get("version"))
         places = hand.parts["mosaic"]["misfits"][:TOLD]
         near = [number for number, one in enumerate(places, 1) if is_near(one, fault)]
-        right = [number for number in near if leads(places[number - 1], fault)]
+        right = [number for number in near if clicks_to(places[number - 1], fault)]
         clicks = 0
         if right:
             one = places[right[0] - 1]
-            wanted = next(at for at, name in enumerate(one["photos"]) if name in fault.photos)
-            photo = one["photos"][wanted]
+            wanted = clicks_to(one, fault)
+            photo = one["photos"][wanted - 1]
             hand.send("pick", place=one["place"], photo=photo, number=71)
             hand.until(lambda parts: (parts.get("picked") or {}).get("number") == 71)
-            clicks = (wanted + 1) * (hand.parts["picked"]["photo"] == photo)
+            clicks = wanted * (hand.parts["picked"]["photo"] == photo)
     finally:
         hand.close()
     listed = tuple((one["kind"], one["length"], one["significant"]) for one in places)
     return Found(right[0] if right else 0, clicks, near[0] if near else 0, listed)
 
 
-def leads(one: dict[str, Any], fault: Planted) -> bool:
-    """Whether a place is of the cause, and names the photo at fault."""
-    return one["kind"] in fault.kinds and bool(set(one["photos"]) & fault.photos)
+def clicks_to(one: dict[str, Any], fault: Planted) -> int:
+    """How many clicks open the photo at fault: 2 for the second of two; 0 where none does."""
+    found = (at for at, name in enumerate(one["photos"], 1) if name in fault.photos)
+    return next(found, 0) if one["kind"] in fault.kinds else 0
 
 
 def is_near(one: dict[str, Any], fault: Planted) -> bool:
