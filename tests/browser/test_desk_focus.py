@@ -223,7 +223,7 @@ def test_a_rule_tells_how_many_more_there_are_and_leads_to_all__law(overheard: A
     page = overheard
     show(page, "quality")
     page.evaluate(DECIDED)
-    assert "and 3 more" in page.inner_text("[data-rule=against]")
+    assert "(3 more findings)" in page.inner_text("[data-rule=against]")
     page.evaluate(
         """() => {
           const row = gruber.parts.rows[0].with(8, 1.2);
