@@ -212,7 +212,9 @@ def _listed(
     """Places of a list: those within the block that do not steer it."""
     points = listed_points(file, crs)
     if not points:
-        raise ProjectError(file, "lists no point.", "Write a row for each, below the heads.")
+        raise ProjectError(
+            file, "lists no point.", "Write one row for each point below the header."
+        )
     inside = [p for p in points if shapely.contains_xy(request.ground, p.easting, p.northing)]
     free = [point for point in inside if point.point_id not in control]
     places = [

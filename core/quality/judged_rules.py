@@ -46,14 +46,11 @@ class JudgedRule:
 
 
 POSITION = ("position_m", "position_px")
+READ = ("read", "read-few", "read-replaced", "read-late", "read-outdated")
+"""Findings that tell how many places of the plan were read, and what weakens them."""
 RULES: tuple[Rule, ...] = (
     Rule("position", ("predicted-within", "predicted", "predicted-unknown"), GRUBER, POSITION),
-    Rule(
-        "read",
-        ("read-few", "read-replaced", "read-late", "read-outdated", "read"),
-        ASPRS,
-        ("readings",),
-    ),
+    Rule("read", READ, ASPRS, ("readings",)),
     Rule("read-position", ("read-within", "read-over"), GRUBER, POSITION),
     Rule("shift", ("read-shifted", "read-unshifted"), ORTHOPHOTO),
     Rule(

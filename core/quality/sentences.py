@@ -122,8 +122,8 @@ SENTENCES = {
     "{unreadable}).",
     "read-replaced": "A newer plan took the place of one that was read; places whose readings no "
     "longer count: {count}.",
-    "read-late": "The places were drawn after control had been searched: they do not bear out the "
-    "mosaic as places would that were drawn before.",
+    "read-late": "The places were drawn after control had been searched: they prove less than "
+    "places that are drawn before.",
     "read-outdated": "Readings made in an earlier mosaic, which do not count: {count}.",
     "read-few": "Places of the plan that were read: {read} of {planned} (not identifiable: "
     "{unreadable}); {least} are asked for.",

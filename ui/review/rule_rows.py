@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from core.quality.judged_rules import JudgedRule
+from core.quality.judged_rules import READ, JudgedRule
 from core.quality.rules import MANY_AGAINST
 
 NONE, PLAIN = "rules.value.none", "rules.value.plain"
@@ -26,7 +26,6 @@ LIMIT_TEXTS: Mapping[str, str] = {
     "sheets": "rules.limit.sheets",
 }
 """Text of the limit, by rule."""
-READ = ("read", "read-few", "read-replaced", "read-late", "read-outdated")
 VALUE_TEXTS: Mapping[str, str] = {
     **dict.fromkeys(("predicted-within", "predicted"), "rules.value.metres"),
     **dict.fromkeys(("predicted-unknown", "diverged"), "rules.value.unknown"),
