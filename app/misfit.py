@@ -76,7 +76,7 @@ def make_misfit(
         return None
     products = session.products
     digest = products.digest_of(
-        PRODUCT, 4, mosaic.path, files, orientation, report.sigma_nought, report.exterior_sigmas
+        PRODUCT, 5, mosaic.path, files, orientation, report.sigma_nought, report.exterior_sigmas
     )
     kept: Kept | None = None if anew else products.load_value(PRODUCT, digest)
     if kept is not None:

@@ -21,7 +21,7 @@ from core.adjustment.network import CONSTANTS
 from core.arrays import Flags, ObjectPoints, PixelPoints, Position, Scalars
 from core.block import Block, Measurement, Photo, SurveyedPoint
 from core.geometry.camera import Camera
-from core.geometry.collinearity import film_partials
+from core.geometry.collinearity import FilmPartials, film_partials
 
 Covariance = Float64[np.ndarray, "told told"]
 """Of centre (metres), rotation increments (radians) and, told is 11, of the principal distance,
@@ -210,9 +210,7 @@ def pixel_spreads(
 ) -> Float64[np.ndarray, "points 2 2"]:
     """Covariances of projected pixels, by those of the photo and, where they err, of the points."""
     partials = film_partials(positions, photo.exterior, camera, photo.atmosphere)
-    parts = [partials.by_centre, partials.by_rotation, partials.by_camera]
-    told = np.concatenate(parts, axis=1)[:, : len(own)]
-    rows = np.moveaxis(told, 2, 0)
+    rows = _by_told(partials, len(own))
     by_point = np.moveaxis(partials.by_centre, 2, 0)
     film = rows @ own @ np.swapaxes(rows, 1, 2)
     if spaces is not None:
@@ -221,14 +219,14 @@ def pixel_spreads(
     return to_pixels @ film @ np.swapaxes(to_pixels, 1, 2)
 
 
-def plan_covariances(
+def plan_errors(
     photo: Photo,
     camera: Camera,
     positions: ObjectPoints,
     own: Covariance,
     sigmas_m: Float64[np.ndarray, "3"],
-) -> Float64[np.ndarray, "points 2 2"]:
-    """Covariances (east, north) of where the ortho of a photo shows object points, square metres.
+) -> tuple[Float64[np.ndarray, "points 2 told"], Float64[np.ndarray, "points 2 3"]]:
+    """How the place (east, north) where the ortho of a photo shows object points follows errors.
 
     Args:
         photo: The photo.
@@ -237,11 +235,20 @@ def plan_covariances(
         own: Covariance of the photo.
         sigmas_m: Standard deviations of the points themselves; an error of the height of the ground
             displaces them.
+
+    Returns:
+        Metres by independent errors of one standard deviation each: those of the photo, common to
+        all points, and those of each point.
     """
-    back = np.linalg.inv(pixels_by_plan(photo, camera, positions))
-    spaces = np.broadcast_to(np.diag(sigmas_m**2), (len(positions), 3, 3))
-    spreads = pixel_spreads(photo, camera, positions, own, spaces)
-    return back @ spreads @ np.swapaxes(back, 1, 2)
+    partials = film_partials(positions, photo.exterior, camera, photo.atmosphere)
+    to_plan = np.linalg.inv(pixels_by_plan(photo, camera, positions)) @ _pixels_by_film(
+        photo, partials.film.T
+    )
+    strengths, directions = np.linalg.eigh(own)
+    # Rounding may leave what is known best a little below nought.
+    independent = directions * np.sqrt(np.maximum(strengths, 0.0))
+    by_point = np.moveaxis(partials.by_centre, 2, 0) * sigmas_m
+    return to_plan @ _by_told(partials, len(own)) @ independent, to_plan @ by_point
 
 
 def pixels_by_plan(
@@ -255,6 +262,12 @@ def pixels_by_plan(
         for step in np.eye(3)[:2]
     ]
     return np.stack(columns, axis=2)
+
+
+def _by_told(partials: FilmPartials, told: int) -> Float64[np.ndarray, "points 2 told"]:
+    """How film points follow what a covariance tells of their photo."""
+    parts = [partials.by_centre, partials.by_rotation, partials.by_camera]
+    return np.moveaxis(np.concatenate(parts, axis=1)[:, :told], 2, 0)
 
 
 def _pixels_by_film(

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Complex64, Float32, Float64
 from scipy import fft
 
-from core.matching.peaks import Description, Image
+from core.matching.peaks import Description, Image, ScoreMap
 
 Layers = Float32[np.ndarray, "layers rows columns"]
 Covariance = Float64[np.ndarray, "2 2"]
@@ -88,6 +88,35 @@ def place_covariance(sharpness: Sharpness, window: Description) -> Covariance:
     pixels = template.shape[1] * template.shape[2]
     noise = np.einsum("abkluv,kluv->ab", sharpness.spread, left) / pixels
     return sharpness.inverse @ noise.astype(np.float64) @ sharpness.inverse / gain**2
+
+
+def likely_covariance(scores: ScoreMap, peak: tuple[float, float]) -> Covariance:
+    """Covariance (column, row) about one peak of where a template lies, by all scores near it.
+
+    A template that lies in noise correlates to a surface whose likelihood is exp(a h): h the scores
+    in standard deviations of what chance brings, a that of the template in its right place
+    (Woodward 1953). Along an edge that slides along itself the scores hardly fall, so
+    that a place there is as good as known across alone. Other than `place_covariance` it knows how
+    far, and of other peaks.
+
+    Args:
+        scores: By displacement, in standard deviations of chance, all that may be right.
+        peak: Column and row of the peak that is taken for the right one.
+
+    Returns:
+        The covariance, square pixels.
+    """
+    rows, columns = (np.arange(count) for count in scores.shape)
+    column, row = (
+        int(np.clip(round(at), 0, count - 1))
+        for at, count in zip(peak, scores.shape[::-1], strict=True)
+    )
+    height = float(scores[row, column])
+    # What is higher is as likely: this peak is taken for the right one.
+    likely = np.exp(max(height, 0.0) * np.minimum(scores - height, 0.0)).astype(np.float64)
+    across, down = np.meshgrid(columns - peak[0], rows - peak[1])
+    away = np.stack([across, down])
+    return np.einsum("arc,brc,rc->ab", away, away, likely) / likely.sum()
 
 
 def paired_covariance(

@@ -238,7 +238,7 @@ def ground_places(
     for reduction in REDUCTIONS:
         places, heights, scatter, count = _standing_out(dem, bounds, reduction)
         shown = photos_shown(places, seams)
-        spreads = predicted_misfit(places, shown, errors)
+        spreads = predicted_misfit(places, shown, errors)[0]
         for row in np.flatnonzero(np.isfinite(spreads).all(axis=(1, 2))).tolist():
             place, height = places[row], float(heights[row])
             relief = _relief(place[None], shown[row], errors)[0]
@@ -327,7 +327,7 @@ def _place(
 def _pair_errors(places: Vectors, pair: tuple[str, str], errors: BlockErrors) -> Spreads:
     """Covariances expected of the shift between two photos; what they share makes it smaller."""
     alone = replace(errors, ortho_sigma_m=0.0)
-    one, other = (predicted_misfit(places, [name] * len(places), alone) for name in pair)
+    one, other = (predicted_misfit(places, [name] * len(places), alone)[0] for name in pair)
     return one + other
 
 

@@ -18,12 +18,11 @@ from jaxtyping import Float64, Shaped
 from core.adjustment.adjusted import AdjustmentReport
 from core.arrays import Flags, Mask, Scalars, locked
 from core.block import Peak
-from core.control.prediction import LEAST_UNIT, Covariances, plan_covariances
+from core.control.prediction import LEAST_UNIT, Covariances, plan_errors
 from core.control.search import (
     PREDICTION_SIGMA_M,
     Chance,
     Plan,
-    best_sigma_px,
     candidates_near,
     decoys_outside,
 )
@@ -38,6 +37,7 @@ from core.matching.local_search import (
     PointView,
 )
 from core.matching.patches import ScanPart, Templates, Window, filled
+from core.matching.precision import Covariance, likely_covariance
 from core.matching.probability import GATE, Searches, posterior, probabilities
 from core.mosaic.comparison import CommonView, choose_places, open_both
 from core.mosaic.seams import Seam
@@ -46,10 +46,12 @@ from core.raster.dem import HeightSource
 
 Vectors = Float64[np.ndarray, "n 2"]
 Spreads = Float64[np.ndarray, "n 2 2"]
+Errors = Float64[np.ndarray, "n 2 errors"]
 Names = Shaped[np.ndarray, "n"]
 Tile = tuple[int, int, int, int]
-Searched = tuple[int, tuple[Peak, ...], Chance]
-"""A place, its candidates, and what chance brings about it."""
+Searched = tuple[int, tuple[Peak, ...], tuple[Covariance, ...], Chance]
+"""A place, its candidates with the covariance of each (column, row), square pixels, and what chance
+brings about it."""
 
 # design: a photo that control holds at all is off by less; a wider search finds more by chance.
 SEARCH_M = 10.0
@@ -79,8 +81,9 @@ class MisfitVectors:
     """Easting, northing in the reference, metres."""
     shifts_m: Vectors
     """Mosaic minus reference (east, north), metres."""
-    sigmas_m: Scalars
-    """Standard deviation per axis of a shift, were it right, metres."""
+    covariances: Spreads
+    """Of a shift (east, north), were it right, square metres: long where an edge slides along
+    itself."""
     probabilities: Scalars
     """Probability that the same detail was found."""
     photo_ids: tuple[str, ...]
@@ -88,6 +91,9 @@ class MisfitVectors:
     predicted: Spreads
     """Covariance (east, north) that the adjusted block and the accuracy of the reference predict
     of a shift, square metres; NaN where the photo took no part in the adjustment."""
+    photo_errors_m: Errors
+    """How it follows independent errors of the photo, each of one standard deviation, metres: what
+    is common to neighbours."""
     ground_sample_distance_m: float
     """Pixel size at which both were compared, metres."""
     patch_m: float
@@ -96,7 +102,10 @@ class MisfitVectors:
     """Places that were tried."""
 
     def __post_init__(self) -> None:
-        for name in ("positions", "shifts_m", "sigmas_m", "probabilities", "predicted"):
+        arrays = (
+            "positions", "shifts_m", "covariances", "probabilities", "predicted", "photo_errors_m",
+        )  # fmt: skip
+        for name in arrays:
             object.__setattr__(self, name, locked(getattr(self, name)))
 
     @property
@@ -105,9 +114,18 @@ class MisfitVectors:
         return self.probabilities > 0.5
 
     @property
+    def sigmas_m(self) -> Scalars:
+        """Standard deviation per axis of a shift, were it right, metres."""
+        return _per_axis(self.covariances)
+
+    @property
     def predicted_sigmas_m(self) -> Vectors:
         """Predicted standard deviations east and north, metres."""
         return np.sqrt(self.predicted[:, [0, 1], [0, 1]])
+
+
+def _per_axis(spreads: Spreads) -> Scalars:
+    return np.sqrt(np.trace(spreads, axis1=1, axis2=2) / 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,14 +174,14 @@ def measure_misfit(
     # A cell of a patch each: neighbours then have little in common.
     places = min(MOST_PLACES, max(1, view.grid.columns * view.grid.rows // side**2))
     centres = choose_places(view, places, side, half + plan.inner)
-    rows: list[tuple[int, Peak]] = []
+    rows: list[tuple[int, Peak, Covariance]] = []
     chances: dict[int, Chance] = {}
     tiles = np.unique(centres // TILE_PX, axis=0)
     parts = work.mapper(partial(_search_tile, view, centres, plan), tiles)
     for part in tracked(parts, len(tiles), work.progress, "misfit"):
-        for number, peaks, chance in part:
+        for number, peaks, spreads, chance in part:
             chances[number] = chance
-            rows += [(number, peak) for peak in peaks]
+            rows += [(number, *one) for one in zip(peaks, spreads, strict=True)]
     return _vectors(view, centres, plan, rows, chances, (seams, errors))
 
 
@@ -216,8 +234,11 @@ def _described(view: CommonView, tile: Tile, plan: Plan) -> tuple[Images, Mask]:
 
 def _search_place(
     images: Images, seen: Mask, place: np.ndarray, plan: Plan
-) -> tuple[tuple[Peak, ...], Chance] | None:
-    """Peaks about one place of a tile, and what chance brings about it; None at an edge."""
+) -> tuple[tuple[Peak, ...], tuple[Covariance, ...], Chance] | None:
+    """Peaks about one place of a tile, how well each is known, and what chance brings about it.
+
+    None at an edge.
+    """
     column, row = (int(value) for value in place)
     half, wide, inner = plan.matching.template_half_px, plan.wide, plan.inner
     patch, around, steps = (
@@ -234,31 +255,36 @@ def _search_place(
     m2 = plan.pixel_m**2
     chance = Chance(heights, float(outside.sum()) * m2, middle, spread, (2 * inner + 1) ** 2 * m2)
     peaks = candidates_near(surface, plan, chance)
-    sigma = best_sigma_px(view, surface, peaks, plan, chance)
-    return tuple(Peak(p.column, p.row, sigma, p.score, p.operator) for p in peaks), chance
+    rim = plan.narrow
+    near = (surface[wide - rim : wide + rim + 1, wide - rim : wide + rim + 1] - middle) / spread
+    places = [(peak.column + rim, peak.row + rim) for peak in peaks]
+    floor = MATCH_FLOOR_PX**2 * np.eye(2)
+    return peaks, tuple(likely_covariance(near, place) + floor for place in places), chance
 
 
 def _vectors(
     view: CommonView,
     centres: np.ndarray,
     plan: Plan,
-    rows: Sequence[tuple[int, Peak]],
+    rows: Sequence[tuple[int, Peak, Covariance]],
     chances: Mapping[int, Chance],
     block: tuple[Sequence[Seam], BlockErrors],
 ) -> MisfitVectors:
     """The likeliest candidate of every place, with its probability."""
     gsd = plan.pixel_m
     order = {number: index for index, number in enumerate(sorted(chances))}
-    search = np.array([order[number] for number, _ in rows], dtype=np.int64)
-    offsets = np.array([[p.column, -p.row] for _, p in rows], dtype=np.float64).reshape(-1, 2) * gsd
-    heights = np.array([peak.score for _, peak in rows], dtype=np.float64)
-    numbers = np.array([number for number, _ in rows], dtype=np.int64)
+    numbers = np.array([number for number, _, _ in rows], dtype=np.int64)
+    search = np.array([order[number] for number in numbers.tolist()], dtype=np.int64)
+    offsets = np.array([[p.column, -p.row] for _, p, _ in rows]).reshape(-1, 2) * gsd
+    heights = np.array([peak.score for _, peak, _ in rows], dtype=np.float64)
+    # Rows of the grid go south.
+    axes = gsd**2 * np.array([[1, -1], [-1, 1]])
+    spreads = np.array([spread for _, _, spread in rows]).reshape(-1, 2, 2) * axes
     positions = view.grid.object_from_grid(centres[numbers] + 0.5)
     photos = photos_shown(positions, block[0])
-    predicted = predicted_misfit(positions, photos, block[1])
-    sigma_px = np.array([peak.sigma_px for _, peak in rows])
-    sigmas = np.clip(sigma_px, MATCH_FLOOR_PX, DULL * MATCH_FLOOR_PX) * gsd
-    about = np.sqrt(np.trace(predicted, axis1=1, axis2=2) / 2)
+    predicted, errors = predicted_misfit(positions, photos, block[1])
+    about = _per_axis(predicted)
+    sigmas = np.minimum(_per_axis(spreads), DULL * MATCH_FLOOR_PX * gsd)
     near = np.hypot(sigmas, np.where(np.isfinite(about), about, PREDICTION_SIGMA_M))
     searches = Searches(search, heights, np.hypot(*offsets.T), near, len(chances), np.zeros(0), 0.0)
     right = _probabilities(searches, sum(one.inner_m2 for one in chances.values()))
@@ -272,10 +298,11 @@ def _vectors(
     return MisfitVectors(
         positions[best],
         offsets[best],
-        sigmas[best],
+        spreads[best],
         right[best],
         tuple(photos[index] for index in best.tolist()),
         predicted[best],
+        errors[best],
         gsd,
         (2 * plan.matching.template_half_px + 1) * gsd,
         len(centres),
@@ -311,17 +338,29 @@ def photos_shown(positions: Vectors, seams: Sequence[Seam]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def predicted_misfit(positions: Vectors, photos: Sequence[str], errors: BlockErrors) -> Spreads:
-    """Covariances that block and reference predict of the misfit at places, square metres."""
+def predicted_misfit(
+    positions: Vectors, photos: Sequence[str], errors: BlockErrors
+) -> tuple[Spreads, Errors]:
+    """What block and reference predict of the misfit at places.
+
+    Returns:
+        Covariances, square metres; and how the misfit follows errors of the photo, metres: NaN and
+        nought where that took no part in the adjustment.
+    """
     block, shown = errors.report.block, np.array(photos)
-    unit = max(errors.report.unit, LEAST_UNIT) ** 2
-    found = np.full((len(positions), 2, 2), np.nan)
+    unit = max(errors.report.unit, LEAST_UNIT)
+    told = max((len(own) for own in errors.covariances.values()), default=0)
+    predicted = np.full((len(positions), 2, 2), np.nan)
+    common = np.zeros((len(positions), 2, told))
     sigmas = np.array([errors.ortho_sigma_m, errors.ortho_sigma_m, errors.dem_sigma_m])
     for name in sorted(set(photos) & set(errors.covariances) & set(block.photos)):
         photo, members = block.photos[name], np.flatnonzero(shown == name)
         heights = errors.heights.heights(positions[members])
         heights = np.where(np.isfinite(heights), heights, photo.ground_height_m)
         places = np.column_stack([positions[members], heights])
-        own = unit * errors.covariances[name]
-        found[members] = plan_covariances(photo, block.camera_of(name), places, own, sigmas)
-    return found
+        camera, own = block.camera_of(name), errors.covariances[name]
+        by_photo, by_place = plan_errors(photo, camera, places, own, sigmas)
+        common[members, :, : len(own)] = unit * by_photo
+        both = np.concatenate([unit * by_photo, by_place], axis=2)
+        predicted[members] = both @ np.swapaxes(both, 1, 2)
+    return predicted, common

@@ -1,9 +1,13 @@
 """Where the mosaic misfits the reference, worst places first, and what of the misfit is systematic.
 
 A place is a neighbourhood of vectors in one photo that agree on a shift s. With probability p_j,
-vector v_j is right and scatters about s by sigma_j; else it lies anywhere in the search area A:
+vector v_j is right and scatters about s with covariance S_j; else it lies anywhere in the search
+area A:
 
-    L(s) = product over j of (1 - p_j) / A + p_j N(v_j; s, sigma_j).
+    L(s) = product over j of (1 - p_j) / A + p_j N(v_j; s, S_j).
+
+S_j holds what an edge that slides along itself leaves open, and by how much the photo's errors may
+displace both places differently.
 
 Two explanations are weighed: s is what the block predicts, N(0, C), or s is anything within the
 search. Their evidences are the integrals of L; with a prior of one wrong place in the whole block
@@ -28,7 +32,7 @@ NEIGHBOUR_SIZES = (6, 24)
 # design: beyond it probabilities rest on the shape of a tail alone.
 MOST_SURE = 0.99
 """No vector is taken to be right with more than this probability."""
-# design: every third of a metre, the floor of a match of pixels of a metre.
+# design: every third of a metre; the floor of a match of pixels of a metre is as much.
 STEPS = 61
 """Shifts that are weighed along either axis of the search."""
 # source: the usual level of a test
@@ -198,7 +202,6 @@ def _weigh_all(vectors: MisfitVectors) -> list[_Hood]:
     """
     own = np.array(vectors.photo_ids)
     sound = np.isfinite(vectors.predicted).all(axis=(1, 2))
-    scatter = np.hypot(vectors.sigmas_m, _local_scatter(vectors))
     best: dict[int, _Hood] = {}
     for size in NEIGHBOUR_SIZES:
         members = [
@@ -208,7 +211,7 @@ def _weigh_all(vectors: MisfitVectors) -> list[_Hood]:
             for hood in _hoods(vectors.positions[rows], vectors.patch_m, size)
         ]
         for near in members:
-            hood = _weigh(vectors, near, scatter[near], max(len(members) / size, 1.0))
+            hood = _weigh(vectors, near, max(len(members) / size, 1.0))
             known = best.get(hood.middle)
             if known is None or hood.off > known.off:
                 best[hood.middle] = hood
@@ -232,30 +235,29 @@ def _hoods(positions: Vectors, patch_m: float, count: int) -> Iterator[np.ndarra
             yield row[hood]
 
 
-def _weigh(vectors: MisfitVectors, near: np.ndarray, scatter: Scalars, places: float) -> _Hood:
+def _weigh(vectors: MisfitVectors, near: np.ndarray, places: float) -> _Hood:
     """Weigh what vectors of one neighbourhood say of their common shift.
 
     Args:
         vectors: All of them.
         near: Which, the middle one first.
-        scatter: Standard deviations of each about the common shift, metres.
         places: Independent neighbourhoods in the block, of which one is off beforehand.
     """
     line = np.linspace(-SEARCH_M, SEARCH_M, STEPS)
     area = (2 * SEARCH_M) ** 2
     step2 = area / STEPS**2
-    # A density cannot be told more finely than the steps it is summed in.
-    spread = np.maximum(scatter, np.sqrt(step2) / 2)[:, None, None]
-    away = (line - vectors.shifts_m[near][:, :, None]) / spread
-    along = np.exp(-0.5 * away**2) / (np.sqrt(2 * np.pi) * spread)
+    apart = vectors.photo_errors_m[near] - vectors.photo_errors_m[near[0]]
+    spread = vectors.covariances[near] + apart @ np.swapaxes(apart, 1, 2)
     right = np.minimum(vectors.probabilities[near], MOST_SURE)
     wrong = (1 - right) / area
-    mass = np.ones((STEPS, STEPS))
-    for (east, north), sure, astray in zip(along, right, wrong, strict=True):
-        mass *= astray + np.outer(sure * east, north)
-    (xx, xy), (_, yy) = np.linalg.inv(vectors.predicted[near[0]] + step2 / 4 * np.eye(2))
-    squares = xx * line[:, None] ** 2 + 2 * xy * np.outer(line, line) + yy * line**2
-    about = np.exp(-0.5 * squares)
+    peak = right / (2 * np.pi * np.sqrt(np.linalg.det(spread)))
+    away = line - vectors.shifts_m[near][:, :, None]
+    mass = np.prod(
+        wrong[:, None, None] + peak[:, None, None] * _bells(np.linalg.inv(spread), away), axis=0
+    )
+    # A density cannot be told more finely than the steps it is summed in.
+    expected = np.linalg.inv(vectors.predicted[near[0]] + step2 / 4 * np.eye(2))
+    about = _bells(expected[None], np.stack([line, line])[None])[0]
     # The others are as predicted, or show nothing that lasts.
     free, held = mass / mass.size / places, mass * about / about.sum() / 2
     none = float(np.prod(wrong)) / 2
@@ -266,32 +268,16 @@ def _weigh(vectors: MisfitVectors, near: np.ndarray, scatter: Scalars, places: f
     return _Hood(int(near[0]), shift[None], sigma, float(free.sum()) / whole, 1 - none / whole)
 
 
-def _local_scatter(vectors: MisfitVectors) -> float:
-    """Standard deviation per axis of right vectors about their neighbours' shift, metres.
+def _bells(inverse: np.ndarray, away: np.ndarray) -> np.ndarray:
+    """Normal densities over their highest at all places of a grid: (n, STEPS, STEPS).
 
-    Beyond the noise of each it holds what objects were moved by, and relief that the heights do not
-    show. The most likely one, by the differences of neighbours in one photo: both are right, and
-    differ by it, or at least one lies anywhere in the search.
+    Args:
+        inverse: Of the covariances, (n, 2, 2).
+        away: How far lines of the grid lie east and north of each middle, (n, 2, STEPS).
     """
-    photos = np.array(vectors.photo_ids)
-    pairs = np.array(
-        [
-            rows[pair]
-            for name in sorted(set(vectors.photo_ids))
-            for rows in [np.flatnonzero(photos == name)]
-            for pair in _hoods(vectors.positions[rows], vectors.patch_m, 2)
-        ],
-        dtype=np.int64,
-    ).reshape(-1, 2)
-    apart = vectors.shifts_m[pairs[:, 0]] - vectors.shifts_m[pairs[:, 1]]
-    right = np.minimum(vectors.probabilities[pairs], MOST_SURE).prod(axis=1)
-    noise = np.square(vectors.sigmas_m[pairs]).sum(axis=1)
-    # design: what scatters by more than a quarter of the search tells no shift.
-    scatters = np.linspace(0.0, SEARCH_M / 4, STEPS)
-    spread = noise + 2 * scatters[:, None] ** 2
-    agreed = np.exp(-0.5 * np.sum(apart**2, axis=1) / spread) / (2 * np.pi * spread)
-    chances = np.log(right * agreed + (1 - right) / (2 * SEARCH_M) ** 2).sum(axis=1)
-    return float(scatters[np.argmax(chances)])
+    east, north = away[:, 0, :, None], away[:, 1, None, :]
+    (xx, xy), (_, yy) = np.moveaxis(inverse, 0, 2)[..., None, None]
+    return np.exp(-0.5 * (xx * east**2 + 2 * xy * east * north + yy * north**2))
 
 
 def _places(vectors: MisfitVectors, hoods: Sequence[_Hood]) -> tuple[MisfitPlace, ...]:

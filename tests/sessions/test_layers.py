@@ -272,10 +272,11 @@ def test_misfit_vectors_are_drawn_longer__law(
     vectors = MisfitVectors(
         np.array([[100.0, 200.0]]),
         np.array([[0.5, -1.0]]),
-        np.array([0.4]),
+        0.4**2 * np.eye(2)[None],
         np.array([0.9]),
         ("a",),
         np.eye(2)[None],
+        np.zeros((1, 2, 6)),
         0.5,
         60.0,
         1,

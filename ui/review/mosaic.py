@@ -11,7 +11,7 @@ import shapely
 
 from core.arrays import Position
 from core.block import USED
-from core.control.prediction import LEAST_UNIT, pixels_by_plan, plan_covariances, shown_in
+from core.control.prediction import LEAST_UNIT, pixels_by_plan, plan_errors, shown_in
 from core.doubts import Failure
 from core.mosaic.seam_edits import (
     SeamArea,
@@ -369,14 +369,15 @@ def ground_sigma_m(
     photo, camera = block.photos[photo_id], block.camera_of(photo_id)
     if shown_in(photo, camera, position[None])[1][0] <= 0:
         return None
-    spread = plan_covariances(
+    errors = plan_errors(
         photo,
         camera,
         position[None],
         max(state.report.unit, LEAST_UNIT) ** 2 * covariances[photo_id],
         np.array([0.0, 0.0, desk.height_sigma_m]),
-    )[0]
-    return float(np.sqrt(spread[0, 0])), float(np.sqrt(spread[1, 1]))
+    )
+    east, north = np.linalg.norm(np.concatenate(errors, axis=2)[0], axis=1).tolist()
+    return east, north
 
 
 def expected_sigma_m(place: CheckPlace, desk: DeskSnapshot, pixel_m: float) -> list[float] | None:

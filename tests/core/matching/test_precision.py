@@ -5,8 +5,18 @@ import numpy as np
 import pytest
 
 from core.matching.operators import doubled_angle_field
-from core.matching.peaks import correlation_scores, cosine_scores, detect_peaks
-from core.matching.precision import paired_covariance, place_covariance, sharpness_of
+from core.matching.peaks import (
+    correlation_scores,
+    cosine_scores,
+    detect_peaks,
+    level_and_spread,
+)
+from core.matching.precision import (
+    likely_covariance,
+    paired_covariance,
+    place_covariance,
+    sharpness_of,
+)
 from core.ties.refinement import PatchSize, refine_rays
 
 SIDE, HALF = 141, 20
@@ -18,6 +28,11 @@ NEAR = np.s_[MIDDLE - HALF - 10 : MIDDLE - HALF + 11, MIDDLE - HALF - 10 : MIDDL
 def textured(rng, blur_px):
     field = cv2.GaussianBlur(rng.normal(size=(SIDE, SIDE)).astype(np.float32), (0, 0), blur_px)
     return field / field.std()
+
+
+def edges(rng, down, every):
+    """A picture of edges that all go down, and of others."""
+    return down * np.tile(textured(rng, 1.5)[:1], (SIDE, 1)) + every * textured(rng, 1.5)
 
 
 def found(rng, noise, changed, gradients):
@@ -64,6 +79,30 @@ def test_along_an_edge_a_place_is_known_badly__law():
     assert sharpness is not None
     across, along = np.sqrt(np.diag(place_covariance(sharpness, (window,))))
     assert along > 5 * across
+
+
+@pytest.mark.parametrize("changed", [4.0, 6.0])
+@pytest.mark.parametrize("along", [1.0, 0.5])
+def test_where_much_has_changed_all_scores_tell_how_far_a_place_may_be_off__truth(along, changed):
+    """Edges of one direction, and others that came since: the peak slides, or is another's."""
+    rng = np.random.default_rng(31)
+    errors, stated = [], []
+    for _ in range(150):
+        ground = edges(rng, 1.0, along)
+        scan = (ground + changed * edges(rng, 0.5, 1.0)).astype(np.float32)
+        template = ground[TEMPLATE].astype(np.float32)
+        scores = correlation_scores(scan, np.ascontiguousarray(template - template.mean()))
+        near = np.zeros(scores.shape, dtype=bool)
+        near[NEAR] = True
+        level, spread = level_and_spread(scores[~near])
+        heights = (scores[NEAR] - level) / spread
+        row, column = np.unravel_index(int(np.argmax(heights)), heights.shape)
+        errors.append((column - 10, row - 10))
+        stated.append(np.diag(likely_covariance(heights, (float(column), float(row)))))
+    error, told = (np.sqrt(np.mean(each, axis=0)) for each in (np.square(errors), stated))
+    # Chance holds the picture's own clutter, too: it is told rather too far.
+    assert (told > error).all()
+    assert (told < 1.8 * error).all()
 
 
 def test_flat_ground_fixes_no_place__law():

@@ -33,10 +33,11 @@ def made_vectors(rng, shift_of, right=0.9, predicted_m=0.3):
     return MisfitVectors(
         positions,
         shifts,
-        np.full(count, 0.4),
+        np.tile(0.4**2 * np.eye(2), (count, 1, 1)),
         np.full(count, right),
         photos,
         np.tile(predicted_m**2 * np.eye(2), (count, 1, 1)),
+        np.zeros((count, 2, 6)),
         0.5,
         step,
         count,
@@ -95,6 +96,34 @@ def test_vectors_that_agree_by_chance_tell_no_place_metres_off__truth(right):
             assert np.hypot(*np.subtract(place.shift_m, off)) < 1.0
 
 
+def test_roads_of_one_direction_tell_nothing_along_themselves__law():
+    """Matches that slid three metres along their roads agree, and are no place."""
+    rng = np.random.default_rng(7007)
+    vectors = made_vectors(rng, lambda east, north: (0.0, 3.0 if north > 450 else 0.0))
+    assert judge_misfit(vectors).places[0].significant
+    sliding = np.tile(np.diag([0.4**2, 5.0**2]), (len(vectors.positions), 1, 1))
+    places = judge_misfit(replace(vectors, covariances=sliding)).places
+    assert not any(place.significant for place in places)
+
+
+def test_a_photo_that_may_tilt_is_told_by_its_worst_end__truth():
+    """The further a neighbour lies, the less it says of a spot; else the end is taken for less."""
+
+    def tilted(east, north):
+        return 0.0, max(0.0, (east - 360) / 80)
+
+    vectors = made_vectors(np.random.default_rng(7008), tilted, predicted_m=2.0)
+    tilt = np.zeros((len(vectors.positions), 2, 6))
+    tilt[:, 1, 0] = [tilted(*place)[1] for place in vectors.positions]
+    stiff = judge_misfit(vectors).places[0]
+    known = judge_misfit(replace(vectors, photo_errors_m=tilt)).places[0]
+    assert known.photo_id == "east"
+    true = tilted(known.east, known.north)[1]
+    # Half a step in which shifts are weighed, and two of its standard deviations.
+    assert known.length_m == pytest.approx(true, abs=0.17 + 2 * known.sigma_m)
+    assert stiff.length_m < true - 0.5
+
+
 def test_the_systematic_part_is_the_affinity_put_in__truth():
     middle, rng = (SIDE - 1) * 30.0, np.random.default_rng(7005)
 
@@ -116,7 +145,8 @@ def test_few_vectors_tell_nothing__law():
         **{
             name: getattr(vectors, name)[: min(NEIGHBOUR_SIZES) - 1]
             for name in (
-                "positions", "shifts_m", "sigmas_m", "probabilities", "photo_ids", "predicted",
+                "positions", "shifts_m", "covariances", "probabilities", "photo_ids", "predicted",
+                "photo_errors_m",
             )
         },
     )  # fmt: skip
