@@ -21,6 +21,7 @@ from core.quality.readings import (
     compare_with_prediction,
     reading_figures,
     reading_findings,
+    unplanned_findings,
 )
 from core.quality.rules import Finding, release_limit_m
 from core.sheets.acceptance import DrawnSheet, JudgedLot, JudgedSheet, smallest_plan
@@ -122,6 +123,21 @@ def checked_by_hand(
         rules=rules,
     )
     return Checked(figures, foretold, tuple(findings))
+
+
+def readings_found(
+    checked: Checked | None, version: str, rules: JobRules = USUAL_RULES
+) -> tuple[Finding, ...]:
+    """What readings say; that nothing was planned where there is a mosaic to be read.
+
+    Args:
+        checked: As `checked_by_hand` found it.
+        version: Of the mosaic; empty where there is none.
+        rules: Limits of the job.
+    """
+    if checked is not None:
+        return checked.findings
+    return unplanned_findings(rules) if version else ()
 
 
 def figures_by(

@@ -205,11 +205,10 @@ def plan_readings(
     )
 
 
-def replaced_readings(decisions: Sequence[Recorded], version: str) -> int:
-    """Places read in a mosaic for plans that a newer one took the place of."""
-    return sum(
-        checked_figures(decisions, plan, version).read for plan in standing_plans(decisions)[:-1]
-    )
+def replaced_readings(decisions: Sequence[Recorded], version: str) -> tuple[ReadingFigures, ...]:
+    """What was read in a mosaic for plans that a newer one took the place of."""
+    earlier = [checked_figures(decisions, plan, version) for plan in standing_plans(decisions)[:-1]]
+    return tuple(figures for figures in earlier if figures.read)
 
 
 def outdated_readings(decisions: Sequence[Recorded], plan: StandingPlan, version: str) -> int:

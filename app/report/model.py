@@ -61,7 +61,7 @@ from core.raster.holes import Hole
 from core.raster.ortho import Ortho
 from core.sheets.acceptance import JudgedLot, lot_findings
 from core.sheets.delivery import Delivery, sheet_figures
-from sessions.checked import Checked, Predicted, checked_by_hand, judged_lot
+from sessions.checked import Checked, Predicted, checked_by_hand, judged_lot, readings_found
 from sessions.decisions import Recorded
 from sessions.remarks import fault_findings, standing_faults
 from sessions.sheet_samples import sheets_of
@@ -172,7 +172,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "block": _block_figures(content),
         "adjustment": _adjustment_figures(report, rules),
         "checks": check_accuracy(report, rules),
-        "checked": _checked_figures(content, footprints, findings, release, checked),
+        "checked": _checked_figures(content, footprints, findings, checked),
         "comparisons": [comparison_accuracy(*item) for item in content.comparisons.items()],
         "control": {**_control_figures(report), **control_in_use(report, content.influence)},
         "residuals": residual_figures(report),
@@ -247,27 +247,26 @@ def _judged(
     checked = checked_by_hand(report, content.decisions, version, predicted, rules=rules)
     lot = lot_of(content)
     more = (
-        *(() if checked is None else checked.findings),
+        *readings_found(checked, version, rules),
         *misfit_findings(content.likely_faults),
         *fault_findings(standing_faults(content.decisions)),
         *(() if lot is None else lot_findings(lot, rules)),
     )
-    findings = tuple(sorted((*more, *findings), key=lambda one: -one.grave))
-    return findings, None if release is None else release.with_findings(more), checked
+    findings = (*more, *findings)
+    if release is not None:
+        sigma_m = _ortho_sigma_m(content)
+        position = predicted_finding(release.relative_m, sigma_m, release.limit_m)
+        findings, release = (*findings, position), release.with_findings(more)
+    return tuple(sorted(findings, key=lambda one: -one.grave)), release, checked
 
 
 def _checked_figures(
     content: ReportContent,
     footprints: Mapping[str, Polygon],
     findings: Sequence[Finding],
-    release: Release | None,
     checked: Checked | None,
 ) -> dict[str, Any]:
-    """Checks, and every rule that concerns the block; position only where release was asked."""
-    if release is not None:
-        sigma_m = _ortho_sigma_m(content)
-        position = predicted_finding(release.relative_m, sigma_m, release.limit_m)
-        findings = (position, *findings)
+    """Checks, and every rule that concerns the block."""
     decided, rules = (content.decisions, content.mosaic_version), content.rules
     judged = judge_rules(findings, rules)
     seams, bounds = content.seams, _bounds(footprints)

@@ -50,8 +50,13 @@ READ = ("read", "read-few", "read-replaced", "read-late", "read-outdated")
 """Findings that tell how many places of the plan were read, and what weakens them."""
 RULES: tuple[Rule, ...] = (
     Rule("position", ("predicted-within", "predicted", "predicted-unknown"), GRUBER, POSITION),
-    Rule("read", READ, ASPRS, ("readings",)),
-    Rule("read-position", ("read-within", "read-over"), GRUBER, POSITION),
+    Rule("read", ("read-unplanned", *READ), ASPRS, ("readings",)),
+    Rule(
+        "read-position",
+        ("read-within", "read-unsure", "read-over", "read-over-before"),
+        GRUBER,
+        POSITION,
+    ),
     Rule("shift", ("read-shifted", "read-unshifted"), ORTHOPHOTO),
     Rule(
         "second",

@@ -254,11 +254,13 @@ def compare_with_prediction(
     """
     together = figures.together
     parts = [together.survey_m, reference_m] if together.survey_m > 0 else []
-    if np.isfinite(figures.observer_m):
+    twice = bool(np.isfinite(figures.observer_m))
+    if twice:
         parts.append(figures.observer_m * figures.observer_part**0.5)
     shared, own = orientation_m**2, float(np.sum(np.square(parts)))
     predicted = float(np.sqrt(shared + own))
-    if not together.count or not predicted > 0:
+    # Without a second reading the observer's share may be anything.
+    if not together.count or not predicted > 0 or not twice:
         return Foretold(predicted, NOT_KNOWN, (NOT_KNOWN, NOT_KNOWN))
     # tr(C)^2 / tr(C^2) of the covariance of the orientation and of what each axis has of its own.
     squares = shared**2 / freedom + (shared + own / 2) * own / together.count
@@ -337,7 +339,7 @@ def reading_findings(
     found: ReadingFigures,
     limit_m: float,
     foretold: Foretold | None = None,
-    replaced: int = 0,
+    replaced: Sequence[ReadingFigures] = (),
     *,
     outdated: int = 0,
     late: bool = False,
@@ -349,8 +351,7 @@ def reading_findings(
         found: The readings of the plan that is read now.
         limit_m: Position error on the ground up to which a block is released, metres.
         foretold: What was predicted; None where that is not known.
-        replaced: Places that were read for earlier plans: whoever dislikes what is read may not
-            silently plan anew.
+        replaced: What was read for earlier plans: whoever dislikes it may not plan anew.
         outdated: Readings of the plan in an earlier mosaic.
         late: Whether places were drawn after control had been searched.
         rules: Limits of the job.
@@ -362,7 +363,11 @@ def reading_findings(
         "unreadable": str(found.unreadable),
     }
     if replaced:
-        yield Finding("read-replaced", DOUBTFUL, {**told, "count": str(replaced)})
+        count = str(sum(figures.read for figures in replaced))
+        yield Finding("read-replaced", DOUBTFUL, {**told, "count": count})
+    for figures in replaced:
+        if figures.together.m_p_interval[0] > limit_m:
+            yield Finding("read-over-before", POOR, _accuracy(figures, limit_m))
     if late:
         yield Finding("read-late", DOUBTFUL, told)
     enough = found.enough(rules)
@@ -373,14 +378,9 @@ def reading_findings(
         return
     together = found.together
     low, high = together.m_p_interval
-    over = low > limit_m
-    values = {
-        "value": f"{together.m_p:.2f}",
-        "low": f"{low:.2f}",
-        "high": f"{high:.2f}",
-        "limit": f"{limit_m:.2f}",
-    }
-    yield Finding("read-over" if over else "read-within", POOR if over else SOUND, values)
+    kind, grave = ("read-within", SOUND) if high <= limit_m else ("read-unsure", DOUBTFUL)
+    kind, grave = ("read-over", POOR) if low > limit_m else (kind, grave)
+    yield Finding(kind, grave, _accuracy(found, limit_m))
     if np.isfinite(together.chance).any():
         shift = {"east": f"{together.mean_m[0]:+.2f}", "north": f"{together.mean_m[1]:+.2f}"}
         shifted = any(together.shifted)
@@ -388,6 +388,23 @@ def reading_findings(
     yield _by_a_second(found, rules)
     if foretold is not None and foretold.said != "unknown":
         yield _against_prediction(foretold)
+
+
+def unplanned_findings(rules: JobRules = USUAL_RULES) -> tuple[Finding, ...]:
+    """That no place of a mosaic was planned, where the job asks for readings."""
+    asked = {"least": str(rules.readings)}
+    return (Finding("read-unplanned", DOUBTFUL, asked),) if rules.readings else ()
+
+
+def _accuracy(found: ReadingFigures, limit_m: float) -> dict[str, str]:
+    """What is told of m_p."""
+    low, high = found.together.m_p_interval
+    return {
+        "value": f"{found.together.m_p:.2f}",
+        "low": f"{low:.2f}",
+        "high": f"{high:.2f}",
+        "limit": f"{limit_m:.2f}",
+    }
 
 
 def _by_a_second(found: ReadingFigures, rules: JobRules) -> Finding:

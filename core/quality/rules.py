@@ -49,7 +49,7 @@ MANY_AGAINST = "contradicted-more"
 """Accepted measurements against the block that are counted, not named."""
 HOLDING_BACK = (
     "diverged", "sigma-none", "sigma-far", "loose", "control-few", "contradicted-far",
-    "checks-over", "read-over",
+    "checks-over", "read-over", "read-over-before",
 )  # fmt: skip
 """Findings with which no prediction can be believed: the block is not released."""
 

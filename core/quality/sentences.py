@@ -112,6 +112,8 @@ SENTENCES = {
     "sheets-replaced": "A newer sample of sheets took the place of one that was being judged; "
     "sheets of it that were judged: {count}.",
     "faults-open": "Faults marked in the mosaic: {count}; still open: {open}.",
+    "mosaic-gone": "The file of the mosaic is gone, or another program changed it: what is judged "
+    "is not what lies on the disk.",
     "no-holes": "The mosaic has no holes inside it.",
     "holes": "Holes inside the mosaic: {count}, {area:,.0f} m² together; the largest "
     "({largest:,.0f} m²) is about E {east} N {north}. No photo shows the ground there, or only a "
@@ -129,6 +131,12 @@ SENTENCES = {
     "{unreadable}); {least} are asked for.",
     "read-within": "Readings of the mosaic: m_p {value} m ({low} to {high} m), within {limit} m.",
     "read-over": "Readings of the mosaic: m_p {value} m ({low} to {high} m), more than {limit} m.",
+    "read-unsure": "Readings of the mosaic: m_p {value} m ({low} to {high} m): whether it is "
+    "within {limit} m is not proved.",
+    "read-over-before": "Readings of an earlier plan: m_p {value} m ({low} to {high} m), more than "
+    "{limit} m. Planning anew does not make the mosaic good.",
+    "read-unplanned": "No places were planned to be checked, and none were read; {least} are asked "
+    "for.",
     "read-shifted": "The mosaic is shifted against the reference by {east} m east and {north} m "
     "north on average, more than chance explains.",
     "read-unshifted": "No shift of the mosaic against the reference: {east} m east and {north} m "

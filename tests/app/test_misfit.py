@@ -21,8 +21,20 @@ from sessions.session import Session
 from tests.tiny import Tiny
 
 
-def test_places_are_those_of_the_mosaic_on_disk__law(tiny_run: Tiny, tmp_path: Path) -> None:
-    with Session.open(tiny_run.folder, "ada") as session:
+@pytest.fixture(scope="module")
+def shifted(tiny_run: Tiny, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The block with its reference three metres further east, and a report of it."""
+    folder = tmp_path_factory.mktemp("shifted") / "block"
+    shutil.copytree(tiny_run.folder, folder)
+    for sheet in sorted((folder / "ortho").glob("*.tif")):
+        with rasterio.open(sheet, "r+") as file:
+            file.transform = Affine.translation(3, 0) @ file.transform
+    assert main(["report", str(folder)]) == DONE
+    return folder
+
+
+def test_places_are_those_of_the_mosaic_on_disk__law(shifted: Path, tmp_path: Path) -> None:
+    with Session.open(shifted, "ada") as session:
         mosaic = session.products.latest_value("mosaic")
         _, places = session.products.latest_value(PLACES)
         assert len(known_places(session.products)) == len(places) > 0
@@ -58,10 +70,10 @@ def test_level_ground_is_as_far_off_as_the_terrain_is_hilly__truth(tiny_run: Tin
     assert told == pytest.approx(robust_sigma(true - np.mean(true)), rel=0.2)
 
 
-def test_the_report_has_every_likely_fault_worst_first__law(tiny_run: Tiny) -> None:
-    with Session.open(tiny_run.folder, "ada") as session:
+def test_the_report_has_every_likely_fault_worst_first__law(shifted: Path) -> None:
+    with Session.open(shifted, "ada") as session:
         _, places = session.products.latest_value(PLACES)
-    figures = json.loads((tiny_run.folder / "results/report.json").read_text(encoding="utf-8"))
+    figures = json.loads((shifted / "results/report.json").read_text(encoding="utf-8"))
     told = [(one["kind"], *one["position"]) for one in figures["likely_faults"]]
     assert told == [(place.kind, place.east, place.north) for place in places] != []
 

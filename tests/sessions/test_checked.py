@@ -41,7 +41,12 @@ def test_readings_are_judged_against_what_the_equations_let_expect__law() -> Non
             east, north = place.east, place.north
             seen = (east + float(error[0]), north + float(error[1]))
             said.append(ReadCheck(place.place_id, seen, (east, north), "m1"))
-        recorded = [Recorded(n, "2026-11-27T10:00:00", "ada", one) for n, one in enumerate(said, 1)]
+        recorded = [
+            Recorded(n, "2026-11-27T10:00:00", who, one)
+            for n, (who, one) in enumerate(
+                [*(("ada", one) for one in said), *(("bob", one) for one in said[1:])], 1
+            )
+        ]
         found = checked_by_hand(REPORT, recorded, "m1", by)
         assert found is not None
         assert found.figures.read == 30

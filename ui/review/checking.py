@@ -53,7 +53,7 @@ UNFIT = 2
 
 
 def decided_judgement(
-    gesture: Reviewed, desk: DeskSnapshot
+    gesture: Reviewed, desk: DeskSnapshot, operator: str
 ) -> tuple[tuple[Decision, ...], Notice | None]:
     """The decision of a gesture, or what stands against it."""
     if isinstance(gesture, CheckRead | SheetJudged):
@@ -71,11 +71,11 @@ def decided_judgement(
         return read, Notice("notice.check-replanned", grave=True) if lost else None
     if isinstance(gesture, Remarked):
         return decided_remark(gesture.said, desk)
-    return _decided_signature(gesture, desk)
+    return _decided_signature(gesture, desk, operator)
 
 
 def _decided_signature(
-    gesture: BlockSigned, desk: DeskSnapshot
+    gesture: BlockSigned, desk: DeskSnapshot, operator: str
 ) -> tuple[tuple[SignBlock, ...], Notice | None]:
     """The signature, where the block is as whoever signs has seen it."""
     if desk.state.adjusting:
@@ -85,6 +85,8 @@ def _decided_signature(
     on_disk = desk.mosaic_version and desk.state.written and not desk.stale
     if gesture.verdict != "reject" and not on_disk:
         return (), Notice("notice.sign-stale", grave=True)
+    if gesture.verdict != "reject" and still_reads(desk, operator):
+        return (), Notice("notice.sign-reading", grave=True)
     if gesture.verdict != "accept" and not gesture.remark:
         return (), Notice("notice.sign-remark")
     unfit = judge_desk(desk).findings[0].grave == UNFIT
@@ -173,6 +175,7 @@ def seat_checks(operator: str, desk: DeskSnapshot) -> Part:
     return {
         **checks_part(desk.recorded, operator, desk.mosaic_version, pixel, rules=desk.rules),
         "mosaic": mosaic,
+        "gone": desk.mosaic_gone,
         "sigmas": {place.place_id: expected_sigma_m(place, desk, pixel) for place in places},
         "asking": ASKING_SIGMA,
     }

@@ -11,6 +11,7 @@ from core.quality.assessment import BlockQuality, assess_block
 from core.quality.judged_rules import OF_READINGS, RULES, JudgedRule, judge_rules
 from core.quality.readings import ReadingFigures
 from core.quality.rules import (
+    POOR,
     Finding,
     judge_block,
     predicted_finding,
@@ -19,7 +20,7 @@ from core.quality.rules import (
 )
 from core.quality.sun import sun_findings
 from core.sheets.acceptance import JudgedLot, lot_findings
-from sessions.checked import Predicted, checked_by_hand, judged_lot
+from sessions.checked import Predicted, checked_by_hand, judged_lot, readings_found
 from sessions.remarks import fault_findings, standing_faults
 from ui.review.scene import EDGE_PARTS, Segments
 from ui.review.snapshot import DeskSnapshot
@@ -53,22 +54,23 @@ def judge_desk(desk: DeskSnapshot) -> BlockJudgement:
     predicted = Predicted(relative_m, desk.ortho_sigma_m, influence, seams)
     checked = checked_by_hand(report, desk.recorded, desk.mosaic_version, predicted, rules=rules)
     lot = lot_of_desk(desk)
+    limit = release_limit_m(report.block, rules)
     found = (
-        *(() if checked is None else checked.findings),
+        *readings_found(checked, desk.mosaic_version, rules),
         *(() if mosaic is None else misfit_findings(mosaic.misfit)),
         *fault_findings(standing_faults(desk.recorded)),
         *(() if lot is None else lot_findings(lot, rules)),
+        *((Finding("mosaic-gone", POOR),) if desk.mosaic_gone else ()),
         *sun_findings(report.block, desk.exposed, rules),
         *judge_block(measured, report, desk.state.holes, rules),
+        predicted_finding(relative_m, desk.ortho_sigma_m, limit),
     )
-    limit = release_limit_m(report.block, rules)
-    position = predicted_finding(relative_m, desk.ortho_sigma_m, limit)
     return BlockJudgement(
         polygons,
         measured,
         None if checked is None else checked.figures,
         tuple(sorted(found, key=lambda one: -one.grave)),
-        judge_rules((position, *found), rules),
+        judge_rules(found, rules),
     )
 
 

@@ -137,7 +137,7 @@ def _record(gesture: TakenBack | Reviewed, seat: Seat, desk: DeskSnapshot) -> Ou
         number, again = gesture.decision_id, gesture.again
         decided, seat, notice = asked_back(number, desk.recorded, seat, again=again)
         return Outcome(seat, decided, notice=notice)
-    decided, notice = decided_judgement(gesture, desk)
+    decided, notice = decided_judgement(gesture, desk, seat.operator)
     return Outcome(seat, decided, notice=notice)
 
 

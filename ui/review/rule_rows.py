@@ -30,10 +30,14 @@ VALUE_TEXTS: Mapping[str, str] = {
     **dict.fromkeys(("predicted-within", "predicted"), "rules.value.metres"),
     **dict.fromkeys(("predicted-unknown", "diverged"), "rules.value.unknown"),
     **dict.fromkeys(READ, "rules.value.read"),
-    **dict.fromkeys(("read-within", "read-over"), "rules.value.interval"),
+    **dict.fromkeys(
+        ("read-within", "read-unsure", "read-over", "read-over-before"), "rules.value.interval"
+    ),
     **dict.fromkeys(("read-shifted", "read-unshifted"), "rules.value.shift"),
     **dict.fromkeys(("second", "second-few"), "rules.value.doubled"),
-    **dict.fromkeys(("second-none", "no-checks", "oriented", "no-holes", "no-ties"), NONE),
+    **dict.fromkeys(
+        ("read-unplanned", "second-none", "no-checks", "oriented", "no-holes", "no-ties"), NONE
+    ),
     **dict.fromkeys(("read-as-predicted", "read-worse", "read-better"), "rules.value.ratio"),
     "one-check": "rules.value.one-check",
     **dict.fromkeys(

@@ -500,6 +500,8 @@ interface PlanLine {
 interface CheckSheet {
   plan: PlanLine | null;
   mosaic: Mosaic | null;
+  /** Whether its file is gone or changed. */
+  gone: boolean;
   places: CheckedPlace[];
   /** So many places the observer is to read: the first ones. */
   wanted: number;

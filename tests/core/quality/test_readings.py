@@ -1,8 +1,11 @@
 """Figures of readings: those of the printed tables, and those that were put in."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from core.quality.job_rules import USUAL_RULES
 from core.quality.judged_rules import RULES, judge_rules
 from core.quality.readings import (
     Reading,
@@ -13,6 +16,7 @@ from core.quality.readings import (
     reading_figures,
     reading_findings,
     thesis_mean_m,
+    unplanned_findings,
 )
 from core.quality.rules import DOUBTFUL, POOR, SOUND, Finding
 from core.quality.sentences import SENTENCES
@@ -257,11 +261,46 @@ def test_a_mosaic_off_by_more_than_the_limit_is_not_good_enough__truth() -> None
 def test_predicted_against_observed_is_said_in_words__truth(
     orientation_m: float, kind: str
 ) -> None:
-    found = figures(30, 0.3)
+    found = figures(30, 0.3, doubled=9)
     foretold = compare_with_prediction(found, orientation_m, 0.0, 60.0)
     said = [one for one in reading_findings(found, 0.8, foretold) if one.kind == kind]
     assert len(said) == 1
     assert "{" not in str(said[0].sentence)
+
+
+def test_without_a_second_observer_the_prediction_is_not_judged__law() -> None:
+    """One observer's own scatter was taken for an error of the mosaic."""
+    foretold = compare_with_prediction(figures(30, 0.3), 0.1, 0.0, 60.0)
+    assert foretold.said == "unknown"
+    assert not any(
+        one.kind.startswith(("read-as", "read-worse", "read-better"))
+        for one in reading_findings(figures(30, 0.3), 0.8, foretold)
+    )
+
+
+def test_a_limit_within_the_interval_is_not_proved__truth() -> None:
+    found = figures(30, 0.3)
+    low, high = found.together.m_p_interval
+    for limit, kind, grave in (
+        (1.01 * high, "read-within", SOUND),
+        (found.together.m_p, "read-unsure", DOUBTFUL),
+        (0.99 * low, "read-over", POOR),
+    ):
+        assert kinds(found, limit)[kind] == grave
+
+
+def test_a_new_plan_does_not_make_a_mosaic_good__law() -> None:
+    good, bad = figures(30, 0.3), figures(33, 3.0)
+    graves = {one.kind: one.grave for one in reading_findings(good, 0.8, None, [bad])}
+    assert (graves["read-replaced"], graves["read-over-before"]) == (DOUBTFUL, POOR)
+    assert "read-over-before" not in {
+        one.kind for one in reading_findings(good, 0.8, None, [figures(30, 0.2)])
+    }
+
+
+def test_nothing_planned_is_told_where_readings_are_asked_for__law() -> None:
+    assert [one.kind for one in unplanned_findings()] == ["read-unplanned"]
+    assert unplanned_findings(replace(USUAL_RULES, readings=0)) == ()
 
 
 def test_every_rule_takes_the_gravest_finding_about_it__law() -> None:

@@ -177,7 +177,7 @@ def test_a_signature_is_of_all_that_was_judged_and_says_when_that_changed__law(
     desk: DeskSnapshot,
 ) -> None:
     shown = parts_now(desk)
-    (signed,), notice = decided_judgement(BlockSigned("s", "accept", "seen", shown), desk)
+    (signed,), notice = decided_judgement(BlockSigned("s", "accept", "seen", shown), desk, "ada")
     assert isinstance(signed, SignBlock)
     assert notice is not None
     kept = replace(desk, recorded=[Recorded(1, "2026-01-01T10:00", "ada", signed)])
@@ -222,8 +222,8 @@ def test_a_place_of_a_plan_that_was_replaced_is_not_read_in_silence__law(
     seen = CheckRead("s", "1-01", (1.0, 2.0), (1.5, 2.0), "", 7)
     at = replace(desk, recorded=more, mosaic_version=VERSION)
     told = Notice("notice.check-replanned", grave=True)
-    assert decided_judgement(seen, at) == ((), told)
-    (kept,), notice = decided_judgement(seen, replace(at, recorded=first))
+    assert decided_judgement(seen, at, "ada") == ((), told)
+    (kept,), notice = decided_judgement(seen, replace(at, recorded=first), "ada")
     assert (kept.place_id, notice) == ("1-01", None)
 
 
@@ -234,7 +234,7 @@ def test_nobody_signs_what_does_not_stand__law(desk: DeskSnapshot) -> None:
 
     def signed(verdict: Acceptance, remark: str, at: DeskSnapshot) -> tuple[object, ...]:
         gesture = BlockSigned("s", verdict, remark, parts_now(at))
-        decided, notice = decided_judgement(gesture, at)
+        decided, notice = decided_judgement(gesture, at, "ada")
         assert notice is not None
         return decided
 
@@ -248,6 +248,10 @@ def test_nobody_signs_what_does_not_stand__law(desk: DeskSnapshot) -> None:
     assert not signed("reject", "a shifted corner", replace(desk, rules_stand=False))
     assert not signed("accept-with-remarks", "", desk)
     assert signed("reject", "a shifted corner", stale)
+    # One vouched for readings that were not shown to who still read.
+    reading = replace(desk, recorded=recorded(("ada", read("1-01", 0.1, desk.mosaic_version))))
+    assert not signed("accept", "seen", reading)
+    assert signed("reject", "a shifted corner", reading)
 
 
 def test_nobody_signs_what_was_not_shown__law(desk: DeskSnapshot) -> None:
@@ -255,8 +259,11 @@ def test_nobody_signs_what_was_not_shown__law(desk: DeskSnapshot) -> None:
     plan = Recorded(1, "2026-01-01T10:01", "bob", PlanChecks(PLACES, (1, 1), 1, "", True, "x"))
     for later in (replace(desk, recorded=[plan]), replace(desk, mosaic_version="m2")):
         gesture = BlockSigned("s", "reject", "a shifted corner", parts_now(desk))
-        assert decided_judgement(gesture, later) == ((), Notice("notice.sign-renewed", grave=True))
-        assert decided_judgement(replace(gesture, judged=parts_now(later)), later)[0]
+        assert decided_judgement(gesture, later, "ada") == (
+            (),
+            Notice("notice.sign-renewed", grave=True),
+        )
+        assert decided_judgement(replace(gesture, judged=parts_now(later)), later, "ada")[0]
 
 
 def test_limits_of_the_job_change_verdict_and_what_is_signed__law(desk: DeskSnapshot) -> None:
@@ -287,7 +294,10 @@ def test_words_about_what_is_not_there_are_not_kept__law(desk: DeskSnapshot) -> 
         (Remark("decision", "77", "?"), False),
         (Remark("place", "", "dark", (1.0, 2.0), "tone"), True),
     ):
-        assert decided_judgement(Remarked("s", said), desk) == (((said,) if kept else ()), None)
+        assert decided_judgement(Remarked("s", said), desk, "ada") == (
+            ((said,) if kept else ()),
+            None,
+        )
 
 
 def test_what_was_said_of_a_fault_on_another_page_is_told_and_not_said_twice__law(
@@ -297,7 +307,7 @@ def test_what_was_said_of_a_fault_on_another_page_is_told_and_not_said_twice__la
 
     def said(remark: Remark, *before: tuple[str, Decision]) -> tuple[object, object]:
         at = replace(desk, recorded=recorded(("ada", fault), *before))
-        decided, notice = decided_judgement(Remarked("s", remark), at)
+        decided, notice = decided_judgement(Remarked("s", remark), at, "ada")
         return decided, notice and (notice.text, dict(notice.values))
 
     close, words = Remark("decision", "2", "", closes=True), Remark("decision", "2", "new seam")

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from core.quality.assessment import assess_block
-from core.quality.rules import judge_block
+from core.quality.rules import POOR, judge_block
 from tests.ui.desk_block import (
     FLYING_HEIGHT_M,
     FRAME_MM,
@@ -91,6 +91,13 @@ def test_the_sheet_begins_with_what_was_accepted_against_the_block__truth(desk):
     assert (text, grave) == ("verdict.contradicted-far", part["verdict"])
     assert (values["worst"], values["photo"]) == key
     assert part["verdict"] == 2
+
+
+def test_no_limit_is_broken_beside_the_verdict__law(desk):
+    """Position on the ground was a rule of its own, and a broken one left the verdict sound."""
+    judged = judge_desk(desk)
+    assert "position" in {one.rule.name for one in judged.rules if one.finding.grave == POOR}
+    assert all(one.finding in judged.findings for one in judged.rules)
 
 
 def test_every_sentence_of_the_view_has_words__law(desk):

@@ -44,14 +44,14 @@ def test_only_drawn_sheets_are_judged_and_a_bad_one_with_words__law(sample: Draw
     name = sample.sheets[0].name
     beside = next(one.name for one in SHEETS if one.name not in {s.name for s in sample.sheets})
     says = SheetJudged("s", name, True, "", 0)
-    assert decided_judgement(says, desk) == ((good(name),), None)
+    assert decided_judgement(says, desk, "ada") == ((good(name),), None)
     told = Notice("notice.sheet-not-drawn", {"sheet": beside}, grave=True)
-    assert decided_judgement(replace(says, sheet=beside), desk) == ((), told)
-    assert decided_judgement(says, desk_after()) == ((), None)
-    assert decided_judgement(says, replace(desk, mosaic_version="")) == ((), None)
+    assert decided_judgement(replace(says, sheet=beside), desk, "ada") == ((), told)
+    assert decided_judgement(says, desk_after(), "ada") == ((), None)
+    assert decided_judgement(says, replace(desk, mosaic_version=""), "ada") == ((), None)
     bad = replace(says, good=False)
-    assert decided_judgement(bad, desk) == ((), Notice("notice.sheet-words"))
-    decided, _ = decided_judgement(replace(bad, words="smear"), desk)
+    assert decided_judgement(bad, desk, "ada") == ((), Notice("notice.sheet-words"))
+    decided, _ = decided_judgement(replace(bad, words="smear"), desk, "ada")
     assert decided == (
         JudgeSheet(name, good=False, version=VERSION, words="smear", lot=sample.lot),
     )

@@ -94,7 +94,8 @@ export function showChecks(found) {
   const had = state.drafts.has(draftName());
   state.found = found;
   const renewed = Boolean(before) && shown !== found.mosaic?.version;
-  const why = !found.plan ? "checks.none" : !found.mosaic ? "checks.no-mosaic"
+  const why = !found.plan ? "checks.none" : found.gone ? "mosaic.gone"
+    : !found.mosaic ? "checks.no-mosaic"
     : !start.ortho ? "checks.no-ortho" : "";
   if (why) {
     const close = element("button", { id: "checks-close", onclick: () => sheet.close() },

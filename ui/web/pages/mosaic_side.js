@@ -92,7 +92,7 @@ function place(found, picked, { ask, leave }) {
       picked.shown === photo ? "" : ` \u00b7 ${word("mosaic.beside")}`,
       picked.stale ? ` \u00b7 ${word("mosaic.moved")}` : ""),
     ...otherOf(found, picked, ask),
-    element("div", { class: "board-figures" },
+    element("div", { class: "board-figures" }, ...offBy(found, picked),
       figure("date", picked.date || word("mosaic.unknown")), figure("pixel", number(picked.pixel,
         2, "m")), figure("sigma", precision), where, figure("height", number(at[2], 1, "m")),
       figure("points", near)),
@@ -101,6 +101,16 @@ function place(found, picked, { ask, leave }) {
       element("button", { id: "mosaic-queue", onclick: queue, disabled: !picked.points },
         word("mosaic.queue"))),
   ];
+}
+
+/**
+ * How far a likely fault is off.
+ * @param {Mosaic} found @param {PickedPlace} picked
+ */
+function offBy({ misfits: places = [] }, picked) {
+  const { shift: [east, north] = [0, 0] } = places.find(({ place: at }) => isAt(picked, at)) ?? {};
+  return east || north ? [figure("off", word("mosaic.sigma.of",
+    { east: number(east, 2), north: number(north, 2) }))] : [];
 }
 
 /**
@@ -165,7 +175,8 @@ function misfits({ misfits: places = [] }, picked, { ask }) {
       predicted: number(predicted, 2) });
     return element("button", { class: `scan${isAt(picked, ground) ? " on" : ""}`,
       "data-misfit": kind, title: `${what}: ${tip}`, onclick: () => ask(ground, photos[0]) },
-    element("span", { class: significant ? "doubted" : "" }, `${number(length, 1, "m")} ${what}`,
+    element("span", { class: significant ? "doubted" : "" },
+      `${number(length, 1)} \u00b1 ${number(sigma, 1, "m")} ${what}`,
       significant ? "" : `, ${word("mosaic.misfit.unsure")}`),
     element("span", { class: "muted" }, photos.map(shortName).join(" | ")));
   });
