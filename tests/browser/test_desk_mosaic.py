@@ -1,12 +1,18 @@
 """The mosaic at the desk: looked at beside and over the ortho, and what a place on it leads to."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from app.misfit import PLACES
+from core.mosaic.fault_places import FaultPlace
 from core.mosaic.seam_edits import SeamArea, SeamLine
+from sessions.checks import version_on_disk
+from sessions.products import digest_of
+from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, VIOLATIONS, RealDesk
 
 Sit = Callable[..., Any]
@@ -253,6 +259,21 @@ def test_without_a_mosaic_the_sheet_says_what_to_do__law(sit_at: Sit, desk: Any)
     page.wait_for_selector("#mosaic", state="hidden")
 
 
+@pytest.fixture
+def likely_faults(run_folder: Path) -> None:
+    """Two places that are told of the mosaic; of its own, a good one may have none."""
+    with Session.open(run_folder, "ada") as session:
+        products = session.products
+        seams = products.latest_value("mosaic").seams[:2]
+        spots = [(seam.photo_id, seam.area.representative_point()) for seam in seams]
+        places = tuple(
+            FaultPlace("reference", at.x, at.y, (photo,), (2.0, -1.0), 0.3, (0.2, 0.2), True)
+            for photo, at in spots
+        )
+        products.save_value(PLACES, digest_of("placed"), (version_on_disk(products), places))
+
+
+@pytest.mark.usefixtures("likely_faults")
 def test_a_place_of_misfit_leads_to_its_cause_and_the_queue__law(
     sit_at: Sit, real_desk: RealDesk
 ) -> None:
@@ -266,6 +287,7 @@ def test_a_place_of_misfit_leads_to_its_cause_and_the_queue__law(
     assert view[:2] == pytest.approx(worst["place"], abs=0.2)
     assert page.get_attribute("#mosaic-photo", "title") == worst["photos"][0]
     assert page.locator("#mosaic-cause tr").count() > 0
+    assert page.inner_text("[data-figure=off]") == "E 2.00, N \u22121.00 m"
     assert page.locator("[data-misfit].on").count() == 1
     assert "on" in page.get_attribute("[data-misfit] >> nth=0", "class").split()
     # By keys: the second place, then the queue at its photo's points.
@@ -280,6 +302,7 @@ def test_a_place_of_misfit_leads_to_its_cause_and_the_queue__law(
     page.wait_for_function("photo => gruber.parts.queue.filter.photo === photo", arg=other)
 
 
+@pytest.mark.usefixtures("likely_faults")
 def test_a_place_of_two_photos_leads_to_either__law(sit_at: Sit, real_desk: RealDesk) -> None:
     """Two rays do not say which of them is wrong."""
     page = sit_at(real_desk.desk.url, scene=False)
