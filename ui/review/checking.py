@@ -85,7 +85,7 @@ def _decided_signature(
     on_disk = desk.mosaic_version and desk.state.written and not desk.stale
     if gesture.verdict != "reject" and not on_disk:
         return (), Notice("notice.sign-stale", grave=True)
-    if gesture.verdict != "reject" and still_reads(desk, operator):
+    if gesture.verdict != "reject" and still_reads(desk, operator, begun=True):
         return (), Notice("notice.sign-reading", grave=True)
     if gesture.verdict != "accept" and not gesture.remark:
         return (), Notice("notice.sign-remark")
@@ -328,10 +328,10 @@ def wanted_places(
     return second_places(plan, read, operator, version, rules=rules)
 
 
-def still_reads(desk: DeskSnapshot, operator: str) -> bool:
+def still_reads(desk: DeskSnapshot, operator: str, *, begun: bool = False) -> bool:
     """Whether an observer has places of the newest plan left to read, or is wanted as a second.
 
-    Who has read nothing may be the second as long as one is wanted.
+    Who has read nothing may be the second as long as one is wanted; `begun` leaves them out.
     """
     plans = standing_plans(desk.recorded)
     if not plans:
@@ -343,7 +343,7 @@ def still_reads(desk: DeskSnapshot, operator: str) -> bool:
         name for (name, who), (_, one) in read.items() if who == operator and one.version == version
     } & names
     if not own:
-        return bool(second_places(plan, read, operator, version, rules=desk.rules))
+        return not begun and bool(second_places(plan, read, operator, version, rules=desk.rules))
     return not wanted_places(plan, read, operator, version, rules=desk.rules) <= own
 
 

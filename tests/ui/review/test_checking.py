@@ -251,6 +251,8 @@ def test_nobody_signs_what_does_not_stand__law(desk: DeskSnapshot) -> None:
     # One vouched for readings that were not shown to who still read.
     reading = replace(desk, recorded=recorded(("ada", read("1-01", 0.1, desk.mosaic_version))))
     assert not signed("accept", "seen", reading)
+    chief = replace(desk, recorded=recorded(("bob", read("1-01", 0.1, desk.mosaic_version))))
+    assert signed("accept", "seen", chief)
     assert signed("reject", "a shifted corner", reading)
 
 
