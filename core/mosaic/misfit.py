@@ -102,10 +102,8 @@ class MisfitVectors:
     """Places that were tried."""
 
     def __post_init__(self) -> None:
-        arrays = (
-            "positions", "shifts_m", "covariances", "probabilities", "predicted", "photo_errors_m",
-        )  # fmt: skip
-        for name in arrays:
+        own = "positions", "shifts_m", "covariances", "probabilities"
+        for name in (*own, "predicted", "photo_errors_m"):
             object.__setattr__(self, name, locked(getattr(self, name)))
 
     @property
