@@ -95,9 +95,9 @@ def likely_covariance(scores: ScoreMap, peak: tuple[float, float]) -> Covariance
 
     A template that lies in noise correlates to a surface whose likelihood is exp(a h): h the scores
     in standard deviations of what chance brings, a that of the template in its right place
-    (Woodward 1953). Along an edge that slides along itself the scores hardly fall, so
-    that a place there is as good as known across alone. Other than `place_covariance` it knows how
-    far, and of other peaks.
+    (Woodward 1953). Along an edge that slides along itself the scores hardly fall: a place on it is
+    known across it alone. Unlike `place_covariance` it tells how far a place may slide, and counts
+    other peaks.
 
     Args:
         scores: By displacement, in standard deviations of chance, all that may be right.

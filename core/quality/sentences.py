@@ -131,12 +131,11 @@ SENTENCES = {
     "{unreadable}); {least} are asked for.",
     "read-within": "Readings of the mosaic: m_p {value} m ({low} to {high} m), within {limit} m.",
     "read-over": "Readings of the mosaic: m_p {value} m ({low} to {high} m), more than {limit} m.",
-    "read-unsure": "Readings of the mosaic: m_p {value} m ({low} to {high} m): whether it is "
-    "within {limit} m is not proved.",
+    "read-unsure": "Readings of the mosaic: m_p {value} m ({low} to {high} m), not proved to "
+    "be within {limit} m.",
     "read-over-before": "Readings of an earlier plan: m_p {value} m ({low} to {high} m), more than "
-    "{limit} m. Planning anew does not make the mosaic good.",
-    "read-unplanned": "No places were planned to be checked, and none were read; {least} are asked "
-    "for.",
+    "{limit} m. A new plan does not make the mosaic better.",
+    "read-unplanned": "No check places have been planned or read; {least} are asked for.",
     "read-shifted": "The mosaic is shifted against the reference by {east} m east and {north} m "
     "north on average, more than chance explains.",
     "read-unshifted": "No shift of the mosaic against the reference: {east} m east and {north} m "

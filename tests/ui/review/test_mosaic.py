@@ -20,7 +20,9 @@ from core.raster.grid import Grid
 from core.raster.holes import Hole
 from sessions.decisions import Recorded
 from tests.ui.desk_block import OPTIONS, outlines, tiny_snapshot
+from ui.review.checking import seat_checks
 from ui.review.gestures import LOOKING, gesture_from_message
+from ui.review.judgement import judge_desk
 from ui.review.mosaic import (
     MosaicPicked,
     NearAsked,
@@ -87,8 +89,10 @@ def test_without_a_mosaic_the_sheet_says_so__law() -> None:
 
 
 def test_a_mosaic_whose_file_is_gone_is_told__law(desk: DeskSnapshot) -> None:
-    assert not mosaic_part(replace(desk, mosaic_version="one"))["gone"]
-    assert mosaic_part(replace(desk, mosaic_version=""))["gone"]
+    for version in ("one", ""):
+        at = replace(desk, mosaic_version=version)
+        told = "mosaic-gone" in {one.kind for one in judge_desk(at).findings}
+        assert mosaic_part(at)["gone"] == seat_checks("ada", at)["gone"] == told == (not version)
 
 
 def line_west_of_the_seam(desk: DeskSnapshot) -> list[list[float]]:
