@@ -440,7 +440,7 @@ def described(project: Project, brought: Sequence[ListedPoint] = ()) -> BlockInp
         ties=() if scans.ties is None else (scans.ties,),
         preset=project.control.preset,
         localisation=LocalisationOptions(orientation=orientation),
-        control=ControlStageOptions(orientation=orientation),
+        control=ControlStageOptions(orientation, project.adjustment.of_cameras),
         adjustment=project.adjustment,
     )
 

@@ -315,6 +315,10 @@ class Block:
         """The camera of a photo."""
         return self.cameras[self.photos[photo_id].camera]
 
+    def with_certificates(self) -> "Block":
+        """The same block with every camera as its certificate has it, nothing estimated."""
+        return replace(self, cameras={n: c.certificate for n, c in self.cameras.items()})
+
     @property
     def origin(self) -> Position:
         """Origin of the local frame: middle of the photos' approximate centres, height nought."""

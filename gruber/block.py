@@ -11,7 +11,19 @@ from core.block import Block as BlockValue
 from core.block import Role
 from core.progress import SILENT
 from gruber import tables
-from sessions.decisions import Accept, Decision, Place, Reason, Recorded, Reject, SetRole
+from sessions.decisions import (
+    Accept,
+    AddPoint,
+    ChoosePeak,
+    Decision,
+    MarkDubious,
+    MarkNotVisible,
+    Place,
+    Reason,
+    Recorded,
+    Reject,
+    SetRole,
+)
 from sessions.session import Session
 
 
@@ -104,8 +116,13 @@ class Block:
         return self.decide(SetRole(point, role))
 
     def decide(self, decision: Decision) -> Recorded:
-        """Record any decision of `sessions.decisions`; it is on the disk when this returns."""
+        """Record any decision of `sessions.decisions`; it is on the disk when this returns.
+
+        Raises:
+            ValueError: It names a point or photo that there is not, or a place outside of the scan.
+        """
         seen = self._standing()[0]
+        _refuse_unknown(decision, seen)
         with Session.open(self.folder, self.operator) as session:
             return session.record(decision, seen)
 
@@ -162,3 +179,19 @@ class Block:
             finally:
                 voice.close()
         return walk
+
+
+def _refuse_unknown(decision: Decision, block: BlockValue) -> None:
+    """Refuse what no row of the block's tables has: it would be on the disk, and do nothing."""
+    point, photo = (getattr(decision, name, None) for name in ("point_id", "photo_id"))
+    if photo is not None and photo not in block.photos:
+        raise ValueError(f"There is no photo {photo!r}.")
+    if point is not None and point not in block.surveyed and not isinstance(decision, AddPoint):
+        raise ValueError(f"There is no point {point!r}.")
+    of_measured = isinstance(decision, Accept | Reject | MarkDubious | MarkNotVisible | ChoosePeak)
+    if of_measured and (point, photo) not in block.measurements:
+        raise ValueError(f"{point!r} is not measured in {photo!r}.")
+    if isinstance(decision, Place):
+        columns, rows = block.photos[decision.photo_id].size_px
+        if not (0 <= decision.column <= columns and 0 <= decision.row <= rows):
+            raise ValueError(f"{photo!r} has {columns} columns and {rows} rows.")

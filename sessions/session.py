@@ -124,7 +124,11 @@ class Session:
                 later run cannot move what a human has accepted.
             operator: Who decided; the session's own operator by default.
             joined: What the same operator began and these complete: they bear its time.
+
+        Raises:
+            ValueError: A decision says what none may say, and could not be read again.
         """
+        _refuse_unfit(decisions)
         self._when = max(datetime.now(UTC), self._when + timedelta(milliseconds=1))
         when = self._when.isoformat(timespec="milliseconds")
         who = operator or self.operator
@@ -261,8 +265,7 @@ class Session:
             decision = from_json(json.loads(row.decision))
             if not isinstance(decision, DECISIONS):
                 raise CodecError("no decision")
-            if unfit := unfit_field(decision):
-                raise ValueError(f"{type(decision).__name__}: {unfit}")
+            _refuse_unfit([decision])
             datetime.fromisoformat(row.recorded)
         except (CodecError, ValueError, RecursionError) as error:
             newer = isinstance(error, CodecError)
@@ -278,3 +281,10 @@ class Session:
                 else "The file was changed by another program: put it back from a copy.",
             ) from error
         return Recorded(row.decision_id, row.recorded, row.who, decision)
+
+
+def _refuse_unfit(decisions: Sequence[Decision]) -> None:
+    """Refuse what no decision may say, such as a reason that there is not, or a place nowhere."""
+    for one in decisions:
+        if unfit := unfit_field(one):
+            raise ValueError(f"{type(one).__name__}: {unfit}")

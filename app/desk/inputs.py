@@ -325,6 +325,7 @@ class Adjusting:
     def __call__(self, block: Block, progress: Progress = SILENT) -> AdjustmentReport:
         """Adjust until no gross error is left."""
         options = self._options
+        block = block if options.estimate_cameras else block.with_certificates()
         adjusted = adjusted_without_gross if options.robust else adjust_block
         return adjusted(block, options, progress, self._terrain)
 

@@ -69,6 +69,16 @@ class AdjustmentOptions:
     compare_methods: bool = False
     """Whether the protocol has strips and independent models beside the bundle."""
 
+    @property
+    def of_cameras(self) -> "AdjustmentOptions":
+        """What is said of the cameras alone: control is judged by them as it is adjusted."""
+        return AdjustmentOptions(
+            estimate_cameras=self.estimate_cameras,
+            sigma_principal_distance_mm=self.sigma_principal_distance_mm,
+            sigma_principal_point_mm=self.sigma_principal_point_mm,
+            sigma_distortion_um=self.sigma_distortion_um,
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExteriorSigmas:

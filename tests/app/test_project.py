@@ -469,6 +469,15 @@ def test_adjustment_is_optional_and_every_key_is_read__truth(folder: Path) -> No
     assert not read(folder, with_adjustment('gross_errors = "none"')).adjustment.robust
 
 
+def test_control_is_judged_by_cameras_as_they_are_adjusted__truth(folder: Path) -> None:
+    """Cameras that are held were estimated with control, and the estimate was held."""
+    held = with_adjustment("cameras = false", "sigma_principal_point_mm = 0.02", "risk = 0.01")
+    # The reference of this block is none that could be opened.
+    stated = '"dem.tif"\northo_sigma_m = 0.3\ndem_sigma_m = 0.5\n'
+    control = described(read(folder, held.replace('"dem.tif"\n', stated))).control.adjustment
+    assert control == AdjustmentOptions(estimate_cameras=False, sigma_principal_point_mm=0.02)
+
+
 @pytest.mark.parametrize(
     ("line", "said"),
     [

@@ -55,6 +55,27 @@ def test_a_decision_is_on_the_disk_and_undone__law(tiny_run: Tiny) -> None:
     assert np.array_equal(block.measurements()["status"], measured["status"])
 
 
+def test_what_no_decision_may_say_is_refused_and_leaves_the_session_readable__law(
+    tiny_run: Tiny,
+) -> None:
+    """Such words were recorded; then neither a run nor an undo could read the session again."""
+    block = gruber.open_block(tiny_run.folder, operator="door", quiet=True)
+    row = block.measurements()[0]
+    point, photo = str(row["point"]), str(row["photo"])
+    before = block.decisions()
+    for wrong, match in (
+        (lambda: block.reject(point, photo, "because"), "Reject: reason"),
+        (lambda: block.set_role(point, "banana"), "SetRole: role"),
+        (lambda: block.place(point, photo, float("nan"), 5.0), "columns and"),
+        (lambda: block.place(point, photo, 1e9, -5.0), "columns and"),
+        (lambda: block.reject("nope", photo), "no point 'nope'"),
+        (lambda: block.accept(point, "nope"), "no photo 'nope'"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            wrong()
+    assert block.decisions() == before
+
+
 def test_an_unknown_format_is_named__law() -> None:
     with pytest.raises(ValueError, match="one of"):
         gruber.read("a.txt", "no such format")

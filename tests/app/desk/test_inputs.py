@@ -64,6 +64,15 @@ def test_cameras_stay_fixed_where_the_block_says_so__law():
     assert free._options.estimate_cameras
 
 
+def test_what_is_held_is_the_certificate_not_an_estimate__law():
+    block = tiny_block().block
+    free = Adjusting(AdjustmentOptions(estimate_cameras=True))
+    estimated = free(block).block
+    assert estimated.cameras != block.cameras
+    free.choose(cameras=False, robust=True)
+    assert free(estimated).block.cameras == block.cameras
+
+
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 def test_what_one_photo_shows_is_found_in_the_others__truth(tmp_path: Path):
     _, block = rendered_block(tmp_path, 0.0)
