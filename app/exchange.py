@@ -11,12 +11,19 @@ import numpy as np
 
 from app.block_writing import with_values
 from app.bring_points import known_block
+from app.exchange_checks import check_exteriors, check_measurements, on_scans
 from app.project import Project
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import HAND_SIGMA_PX, Block
 from core.errors import CrsError, ProjectError, StorageError
-from core.exchange import fit_to_format, upright_frame
-from core.formats.eo_format import read_eo_block, write_eo_block
+from core.exchange import (
+    UPRIGHT_SUFFIX,
+    fit_to_format,
+    named_upright,
+    upright_frame,
+    upright_photos,
+)
+from core.formats.eo_format import EO_READERS, write_eo_block
 from core.formats.exchange import (
     ExchangeBlock,
     ExchangeFormat,
@@ -126,6 +133,8 @@ def export_block(
         left = replace(left, photos=days)
     if tangent:
         left, _ = in_tangent_frame(left)
+    if form.holds == "upright":
+        left = named_upright(left, upright_photos(block))
     if form.folder:
         with whole_folder(target) as temporary:
             notes = form.write(temporary, left)
@@ -189,7 +198,7 @@ def _write_pictures(block: Block, folder: Path, progress: Progress) -> None:
         if frame is not None:
             write_upright(
                 photo.scan,
-                folder / f"{photo.scan.stem}.tif",
+                folder / f"{photo.scan.stem}{UPRIGHT_SUFFIX}.tif",
                 photo.interior,
                 (frame.size_px, frame.pixel_mm, frame.corner_mm),
                 part,
@@ -198,23 +207,20 @@ def _write_pictures(block: Block, folder: Path, progress: Progress) -> None:
 
 def _pictures_note(block: Block, form: ExchangeFormat, pictures: bool) -> tuple[str, ...]:
     """A word on pixels that are not those of the scans."""
-    if form.holds != "upright" or pictures:
-        return ()
-    if not any(upright_frame(photo, block.camera_of(name)) for name, photo in block.photos.items()):
+    laid = sorted(upright_photos(block)) if form.holds == "upright" else []
+    if not laid or pictures:
         return ()
     return (
         say(
-            "Pixels are those of the scans laid upright on their fiducials; --pictures writes "
-            "these as well."
+            "Pixels are those of the scans laid upright on their fiducials, which are called "
+            "{name} and so on here; --pictures writes these as well.",
+            name=f"{laid[0]}{UPRIGHT_SUFFIX}",
         ),
     )
 
 
-def _known(project: Project, session: Session) -> ExchangeBlock | None:
+def _known(block: Block) -> ExchangeBlock:
     """What the block knows of its photos, by which a list of orientations is judged."""
-    block = known_block(project, session)
-    if block is None:
-        return None
     known = fit_to_format(block, None, FORMATS[PLAIN_EO])
     photos = {n: replace(p, exterior=block.photos[n].exterior) for n, p in known.photos.items()}
     return replace(known, photos=photos)
@@ -244,26 +250,31 @@ class TakenOver:
 
 def import_into(project: Project, session: Session, name: str, path: Path) -> Brought:
     """Take over from a foreign file what this block can use; raises as `taken_over`."""
-    known = _known(project, session) if name == PLAIN_EO else None
-    taken = usable_part(project, name, path, known)
+    taken = usable_part(project, name, path, known_block(project, session))
     taken.write()
     if taken.decisions:
         session.record_all(taken.decisions)
     return taken.brought
 
 
-def usable_part(
-    project: Project, name: str, path: Path, known: ExchangeBlock | None = None
-) -> TakenOver:
-    """What of a foreign file a block can use; `known` judges how a list of orientations counts.
+def usable_part(project: Project, name: str, path: Path, block: Block | None) -> TakenOver:
+    """What of a foreign file a block can use.
+
+    Args:
+        project: The block's `block.toml`.
+        name: The format.
+        path: The file or folder.
+        block: The block as far as it was run, by which orientations and pixels are judged; None
+            where nothing places its photos yet.
 
     Raises:
         PhotogrammetryError: The file cannot be read, is in a CRS that cannot be brought into the
-            block's, or knows none of its scans.
+            block's, knows none of its scans, or says what cannot be.
     """
     form = format_named(name, reads=True)
-    if name == PLAIN_EO:
-        form = replace(form, read=partial(read_eo_block, said=None, known=known))
+    if name in EO_READERS:
+        known = None if block is None else _known(block)
+        form = replace(form, read=partial(EO_READERS[name], known=known))
     read = read_format(form, path)
     foreign = in_block_crs(read, project.block.crs, path)
     names = {scan.photo_id.lower(): scan.photo_id for scan in project.scans.listed}
@@ -276,6 +287,9 @@ def usable_part(
             theirs=", ".join(list(foreign.photos)[:3]),
             ours=", ".join(list(names.values())[:3]),
         )
+    foreign = on_scans(foreign, own, block, path)
+    check_measurements(foreign, own, {s.photo_id: s.path for s in project.scans.listed}, path)
+    turned = check_exteriors(foreign, own, block, path)
     decisions = decisions_of(foreign, own, path.name)
 
     def write() -> None:
@@ -293,7 +307,7 @@ def usable_part(
     }
     brought = Brought(
         {what: count for what, count in counts.items() if count},
-        (*foreign.notes, *_left_out(foreign, own)),
+        (*foreign.notes, *turned, *_left_out(foreign, own)),
     )
     return TakenOver(decisions, write, brought)
 
@@ -360,8 +374,10 @@ def _known_photos(foreign: ExchangeBlock, names: Mapping[str, str]) -> dict[str,
     found: dict[str, str] = {}
     for theirs, photo in foreign.photos.items():
         for candidate in (theirs, scan_stem(theirs), scan_stem(photo.file)):
-            if candidate.lower() in names:
-                found[theirs] = names[candidate.lower()]
+            plain = candidate.lower()
+            ours = names.get(plain) or names.get(plain.removesuffix(UPRIGHT_SUFFIX))
+            if ours is not None:
+                found[theirs] = ours
                 break
     return found
 

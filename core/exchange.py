@@ -6,6 +6,7 @@ assumes a flat Earth. A format that holds upright square pixels only gets those 
 resampled into the frame of its fiducials (`core.raster.upright`).
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,6 +36,10 @@ UPRIGHT = 1e-9
 """A scan that is turned and sheared by less than this counts as upright."""
 
 
+UPRIGHT_SUFFIX = "_upright"
+"""Ends the name of a photo whose pixels are those of its scan laid upright."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class UprightFrame:
     """Pixels of a photo laid upright: square, column along x, row against y of the film."""
@@ -50,6 +55,10 @@ class UprightFrame:
         """Columns and rows of film points."""
         return (film - self.corner_mm) / (self.pixel_mm * np.array([1.0, -1.0]))
 
+    def film_from_pixel(self, pixels: PixelPoints) -> PixelPoints:
+        """Film points of columns and rows."""
+        return pixels * (self.pixel_mm * np.array([1.0, -1.0])) + self.corner_mm
+
 
 def upright_frame(photo: Photo, camera: Camera) -> UprightFrame | None:
     """The frame a scan is laid upright in; None where the scan is upright as it is."""
@@ -61,6 +70,30 @@ def upright_frame(photo: Photo, camera: Camera) -> UprightFrame | None:
     width, height = camera.frame_mm
     columns, rows = int(np.ceil(width / size)), int(np.ceil(height / size))
     return UprightFrame((columns, rows), size, (-width / 2, height / 2))
+
+
+def upright_photos(block: Block) -> tuple[str, ...]:
+    """Photos whose pixels a format that holds upright ones has otherwise than their scans."""
+    return tuple(n for n, p in block.photos.items() if upright_frame(p, block.camera_of(n)))
+
+
+def named_upright(block: ExchangeBlock, laid: Collection[str]) -> ExchangeBlock:
+    """A block whose photos that were laid upright are called so: their pixels are no scan's.
+
+    Args:
+        block: As it goes out.
+        laid: The photos whose pixels are those of the scan laid upright.
+    """
+    names = {name: f"{name}{UPRIGHT_SUFFIX}" if name in laid else name for name in block.photos}
+    photos = {
+        names[name]: replace(photo, photo_id=names[name], file=f"{names[name]}.tif")
+        if name in laid
+        else photo
+        for name, photo in block.photos.items()
+    }
+    measured = tuple(replace(m, photo_id=names[m.photo_id]) for m in block.measurements)
+    ties = replace(block.ties, photo_ids=tuple(names[name] for name in block.ties.photo_ids))
+    return replace(block, photos=photos, measurements=measured, ties=ties)
 
 
 def fit_to_format(

@@ -63,7 +63,8 @@ class DeskPoints:
         """
         if form := _format_of(name, data, reading):
             with _laid_out(name, data, reading) as path:
-                return self._told(form, usable_part(read_project(self._folder), form, path).brought)
+                taken = usable_part(read_project(self._folder), form, path, self._now())
+                return self._told(form, taken.brought)
         block = self._now()
         found = _read(name, data, reading, block, self._ground)
         return {"format": "", **_page_of(found, block)}
@@ -91,7 +92,7 @@ class DeskPoints:
     ) -> dict[str, Any]:
         """Hand in what another program's file brings; orientations count from the next run on."""
         with _laid_out(name, data, reading) as path:
-            taken = usable_part(read_project(self._folder), form, path)
+            taken = usable_part(read_project(self._folder), form, path, self._now())
             taken.write()
         count = sum(taken.brought.counts.values())
         notice = Notice("notice.brought.foreign", {"name": _plain(name), "count": f"{count}"})

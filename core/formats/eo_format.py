@@ -4,8 +4,9 @@
 and the others read and write one fixed convention.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from core.formats.exchange import Conventions, ExchangeBlock, ExchangeFormat, Ex
 from core.formats.film_rays import median_misfit, not_oriented
 from core.formats.records import write_rows
 from core.formats.rotations import CONVENTIONS, RADIANS, AngleConvention, angles_of, rotation_of
-from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
+from core.geometry.exterior import ExteriorOrientation, angles_from_rotation, turn_between
 from core.said import say
 
 PLAIN = AngleConvention("omega-phi-kappa", "deg")
@@ -214,8 +215,8 @@ def _misfit(listed: ExchangeBlock, known: ExchangeBlock) -> tuple[float, str]:
     for name, photo in listed.photos.items():
         prior = known.photos[name].exterior if name in known.photos else None
         if prior is not None and photo.exterior is not None:
-            turn = photo.exterior.object_from_image.T @ prior.object_from_image
-            turns.append(float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0))))
+            turn = turn_between(photo.exterior.object_from_image, prior.object_from_image)
+            turns.append(float(np.linalg.norm(turn)))
     return (float(np.degrees(np.median(turns))), "deg") if turns else (np.inf, "deg")
 
 
@@ -266,10 +267,6 @@ def left_out(block: ExchangeBlock, *, turned: bool = True) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _reader(said: AngleConvention | None) -> Callable[[Path], ExchangeBlock]:
-    return lambda path: read_eo_block(path, said)
-
-
 def _writer(convention: AngleConvention) -> Callable[[Path, ExchangeBlock], tuple[str, ...]]:
     return lambda path, block: write_eo_block(path, block, convention)
 
@@ -312,7 +309,7 @@ def _format(convention: AngleConvention) -> ExchangeFormat:
         conventions=_conventions(convention, ""),
         holds="nothing",
         write=_writer(convention),
-        read=_reader(convention),
+        read=partial(read_eo_block, said=convention),
         default_name="exterior.csv",
         folder=False,
     )
@@ -327,10 +324,14 @@ EO_FORMATS: tuple[ExchangeFormat, ...] = (
         ),
         holds="nothing",
         write=_writer(PLAIN),
-        read=_reader(None),
+        read=read_eo_block,
         default_name="exterior.csv",
         folder=False,
     ),
     *(_format(convention) for convention in CONVENTIONS),
 )
 """`eo`, and one format for each order and unit."""
+EO_READERS: Mapping[str, Callable[..., ExchangeBlock]] = {
+    form.name: form.read for form in EO_FORMATS if form.read is not None
+}
+"""Reads each of them; takes what is known of the photos as `known`."""
