@@ -35,6 +35,9 @@ NAME = "LMS_TIF_UP"
 # source: definition, in units of columns and rows.
 CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))
 """Corners of a scan in turn, closed."""
+# source: definition, in units of half the picture area.
+FILM_CORNERS = ((-1, 1), (1, 1), (1, -1), (-1, -1), (-1, 1))
+"""Corners of the picture area about the middle of the fiducials in turn, closed."""
 STEEPEST = -0.05  # design: rays within three degrees of the horizon reach nowhere.
 """Rays that fall less than this meet no ground."""
 
@@ -95,18 +98,33 @@ def ground_places(
 
 
 def ground_outline(block: ExchangeBlock, photo: ExchangePhoto) -> list[list[float]] | None:
-    """Easting and northing of a scan's corners on level ground, closed; None where unknown."""
+    """Easting and northing of a photo's corners on level ground, closed; None where unknown.
+
+    The corners are those of the scan where its size is known, else of the camera's picture area.
+    """
     level, camera = ground_height(block), block.cameras.get(photo.camera)
-    if level is None or camera is None or camera.size_px is None:
+    if level is None or camera is None:
         return None
     if photo.exterior is None or photo.pixel_from_image is None:
         return None
-    corners = np.array(CORNERS, dtype=np.float64) * camera.size_px
-    places = ground_places(photo, camera, corners, level)
+    corners = _corners(photo, camera)
+    places = None if corners is None else ground_places(photo, camera, corners, level)
     if places is None:
         return None
     ring = places[:, :2]
     return ring.tolist() if shapely.Polygon(ring).exterior.is_ccw else ring[::-1].tolist()
+
+
+def _corners(photo: ExchangePhoto, camera: ExchangeCamera) -> PixelPoints | None:
+    """Pixels of the corners of scan or picture area, closed; None where neither is known."""
+    if camera.size_px is not None:
+        return np.array(CORNERS, dtype=np.float64) * camera.size_px
+    if camera.frame_mm is None or not camera.principal_distance_mm:
+        return None
+    # Refraction in `pixel_from_image` moves a corner by centimetres on the ground at most.
+    film = np.array(FILM_CORNERS) * camera.frame_mm / 2 - camera.principal_point_mm
+    image = film / camera.principal_distance_mm
+    return image @ photo.interior[:, :2].T + photo.interior[:, 2]
 
 
 def off_nadir(photo: ExchangePhoto) -> float:
@@ -170,8 +188,8 @@ FOOTPRINTS_FORMAT = ExchangeFormat(
     name="footprints",
     title="Footprints as a vector file",
     conventions=Conventions(
-        object_space="easting, northing, metres, on level ground at the mean height of all "
-        "points; the CRS in the file",
+        object_space="easting, northing, metres: corners of the picture area on level ground at "
+        "the mean height of all points; the CRS in the file",
         camera="none; the principal distance in pixels as an attribute",
         lost="all but the outlines of photos, named by `LMS_TIF_UP`",
         tested="GDAL reads it; the Czech Office's footprints are read by `[scans] footprints`",

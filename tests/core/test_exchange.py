@@ -9,6 +9,7 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.exchange import fit_to_format, upright_frame
 from core.formats.exchange import Conventions, ExchangeFormat, frame_camera, pixels_of
+from core.formats.outlines import FOOTPRINTS_FORMAT, ground_height, ground_outline
 from core.geometry.camera import additional_set
 from core.geometry.collinearity import Atmosphere, film_from_object
 from tests.flights import FlightPlan, fly
@@ -112,3 +113,23 @@ def test_refraction_goes_into_a_camera_exactly__law(monkeypatch: pytest.MonkeyPa
         )
         there = pixels_of(points, out.photos[name], out.camera_of(name))
         assert np.allclose(photo.interior.pixel_from_film(seen), there, atol=1e-7)
+
+
+def test_film_has_footprints_of_its_picture_area__truth() -> None:
+    """To a metre: half of it is the Earth's curvature, which level ground leaves out."""
+    block = decentred(REPORT.block)
+    cameras = {n: replace(c, principal_point_mm=(0.4, -0.3)) for n, c in block.cameras.items()}
+    block = replace(block, cameras=cameras)
+    out = fit_to_format(block, REPORT, FOOTPRINTS_FORMAT)
+    level = ground_height(out)
+    assert level is not None
+    for name, photo in block.photos.items():
+        camera = block.camera_of(name)
+        half = np.array(camera.frame_mm) / 2
+        film = np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)]) * half
+        pixels = photo.interior.pixel_from_film(film)
+        expected = photo.object_from_pixel(pixels, np.full(4, level), camera)[:, :2]
+        ring = ground_outline(out, out.photos[name])
+        assert ring is not None
+        apart = np.linalg.norm(np.array(ring)[:, None] - expected, axis=2)
+        assert apart.min(axis=0).max() < 1.0, name
