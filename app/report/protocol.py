@@ -76,7 +76,8 @@ def protocol_text(figures: Mapping[str, Any]) -> str:
 
 
 def _heading(f: Mapping[str, Any]) -> list[str]:
-    b = f["block"]
+    b, o = f["block"], f["options"]
+    applied = ("on" if o[key] else "off" for key in ("refraction", "earth_curvature"))
     return [
         f"ADJUSTMENT OF {b['name']}",
         "=" * WIDTH,
@@ -85,7 +86,7 @@ def _heading(f: Mapping[str, Any]) -> list[str]:
         f"mean scale              1 : {_n(b['mean_scale_number'], 0)}",
         f"height over ground      {_n(b['mean_height_over_ground_m'], 1)} m",
         f"mean ground height      {_n(b['mean_ground_height_m'], 1)} m",
-        "refraction, curvature   on, on",
+        f"refraction, curvature   {', '.join(applied)}",
         "",
     ]
 

@@ -10,7 +10,7 @@ from app.report.accuracy import parameter_figures, rms_columns
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport, ClassFigures
 from core.adjustment.influence import Influence, LeftOut, Reliability
 from core.adjustment.reliability import TestLimits
-from core.block import Measurement, Photo
+from core.block import Block, Measurement, Photo
 from core.geometry.camera import Camera
 from core.literature.methods import compare_methods
 from core.quality.control_count import ControlSpread, RayCounts, count_control, ray_counts_of
@@ -115,12 +115,17 @@ def _options(report: AdjustmentReport, options: AdjustmentOptions) -> dict[str, 
         "imu_misalignment": options.misalignment,
         "network": "free" if options.free_network else "control",
         "variance_components": options.variance_components,
-        "refraction": True,
-        "earth_curvature": True,
+        "refraction": _corrected(block, "refraction"),
+        "earth_curvature": _corrected(block, "curvature"),
         "gross_errors": options.test if options.robust else "none",
         "risk": options.risk,
         "critical_value": limits.critical if options.robust else None,
     }
+
+
+def _corrected(block: Block, correction: str) -> bool:
+    """Whether the rays of all photos were corrected so."""
+    return all(correction in photo.corrections for photo in block.photos.values())
 
 
 def _quality(report: AdjustmentReport) -> dict[str, Any]:

@@ -65,6 +65,18 @@ def test_figures_are_those_of_the_report__law(written, report):
     assert {"rejected", "unused", "dubious"} <= statuses
 
 
+@pytest.mark.parametrize("applied", [("refraction", "curvature"), ("curvature",), ()])
+def test_corrections_are_told_as_they_were_applied__truth(report, tmp_path, applied):
+    photos = {n: replace(p, corrections=applied) for n, p in report.block.photos.items()}
+    given = replace(report, block=replace(report.block, photos=photos))
+    text, figures = write_protocol(tmp_path, "block", given, PLAIN, None)
+    told = ", ".join("on" if one in applied else "off" for one in ("refraction", "curvature"))
+    assert f"refraction, curvature   {told}\n" in text.read_text(encoding="utf-8")
+    options = json.loads(figures.read_text(encoding="utf-8"))["options"]
+    assert options["refraction"] == ("refraction" in applied)
+    assert options["earth_curvature"] == ("curvature" in applied)
+
+
 def test_reliability_is_told_in_words__law(written):
     _, f = written
     for row in f["control"]["measurements"]:
