@@ -12,6 +12,7 @@ from core.errors import ProjectError
 from core.formats.listed_point import QUANTITIES, ListedPoint, PointList, PointListReading, Quantity
 from core.formats.point_axes import Heights, Surroundings
 from core.formats.point_list import read_point_list
+from core.formats.rotations import triple_of
 from core.geometry.crs import PlanePoints
 from core.georeference.stage import Georeferenced
 from core.raster.dem import open_dem
@@ -38,6 +39,25 @@ class BroughtPoints:
     """The decision that brings its points; None where a question was left: nothing came in."""
     replaced: tuple[str, ...] = ()
     """Names of points the block had before."""
+
+
+class OpenQuestionsError(ProjectError):
+    """A list leaves something to be asked, and nothing of it came in.
+
+    Attributes:
+        lines: Evidence, refused rows and questions with their answers, a sentence each.
+    """
+
+    def __init__(self, path: Path, lines: Sequence[str]) -> None:
+        """The lines stand below the message in a traceback, too."""
+        super().__init__(
+            path,
+            "no point was taken over.",
+            "Settle what is asked with --answer, in Python with answers=.",
+        )
+        self.lines = tuple(lines)
+        for line in lines:
+            self.add_note(line)
 
 
 def bring_points(
@@ -83,11 +103,15 @@ def brought_points(session: Session) -> tuple[ListedPoint, ...]:
 
 
 def surroundings(crs: str, block: Block | None, ground: Ground | None = None) -> Surroundings:
-    """Where the points of a list ought to lie, and the names they may not have."""
+    """Where the points of a list ought to lie, and the points whose names are the block's."""
     if block is None or not block.photos:
         return Surroundings(crs)
-    taken = (name for name, point in block.surveyed.items() if point.source != "surveyed")
-    return Surroundings(crs, block.bounds, frozenset(taken), ground)
+    taken = {
+        name: triple_of(point.position)
+        for name, point in block.surveyed.items()
+        if point.source != "surveyed"
+    }
+    return Surroundings(crs, block.bounds, taken, ground)
 
 
 def reading_of(answers: Sequence[str]) -> PointListReading:

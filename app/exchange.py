@@ -10,7 +10,14 @@ from types import MappingProxyType
 import numpy as np
 
 from app.block_writing import with_values
-from app.bring_points import known_block
+from app.bring_points import (
+    POINT_TABLE,
+    OpenQuestionsError,
+    bring_points,
+    known_block,
+    reading_of,
+    told_lines,
+)
 from app.exchange_checks import check_exteriors, check_measurements, on_scans
 from app.project import Project
 from core.adjustment.adjusted import AdjustmentReport
@@ -246,6 +253,31 @@ class TakenOver:
     """Puts exterior orientations and fiducials into the block's folder, named in `block.toml`."""
     brought: Brought
     """What to tell the user."""
+
+
+def bring_file(
+    project: Project, session: Session, name: str, path: Path, answers: Sequence[str] = ()
+) -> Brought:
+    """Take over a table of points, or what this block can use of a file of another program.
+
+    Args:
+        project: The block.
+        session: Its session.
+        name: The format; `points` for a table, which is read in the block's CRS.
+        path: The file or folder.
+        answers: Answers to what a table leaves open, such as `refused=leave out`.
+
+    Raises:
+        OpenQuestionsError: A table leaves something to be asked; nothing came in.
+        PhotogrammetryError: The file cannot be used.
+    """
+    if name != POINT_TABLE:
+        return import_into(project, session, name, path)
+    brought = bring_points(project, session, path, reading_of(answers))
+    told = tuple(told_lines(brought))
+    if brought.found.questions:
+        raise OpenQuestionsError(path, told)
+    return Brought({"points": len(brought.found.points)}, told)
 
 
 def import_into(project: Project, session: Session, name: str, path: Path) -> Brought:

@@ -1,8 +1,9 @@
 """One block on disk: run it, look at it, decide, adjust, export."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from app.exchange import Brought, Exported, export_block, import_into
+from app.exchange import Brought, Exported, bring_file, export_block
 from app.project import Project, read_project
 from app.run import Run, RunOptions
 from app.terminal import LastingConsole, Terminal
@@ -38,7 +39,8 @@ def open_block(folder: str | Path, operator: str = "notebook", *, quiet: bool = 
     Raises:
         PhotogrammetryError: `block.toml` holds something that cannot be used.
     """
-    return Block(read_project(Path(folder)), operator, quiet=quiet)
+    # What is brought in may be what tells where the block lies; `run` asks for the rest.
+    return Block(read_project(Path(folder), brought=True), operator, quiet=quiet)
 
 
 class Block:
@@ -153,16 +155,22 @@ class Block:
                 taken=self.project.taken,
             )  # fmt: skip
 
-    def bring(self, form: str, path: str | Path) -> Brought:
-        """Take over what a file of another program knows, as `gruber import` does.
+    def bring(self, form: str, path: str | Path, *, answers: Sequence[str] = ()) -> Brought:
+        """Take over what a file of another program knows, or a table of points.
+
+        Args:
+            form: The format, as `gruber import --from` takes it; `points` for any table.
+            path: The file or folder.
+            answers: What `--answer` takes, such as `["axes=-N -E", "refused=leave out"]`.
 
         Raises:
-            PhotogrammetryError: The file cannot be used.
+            PhotogrammetryError: The file cannot be used, or leaves something to be asked; the
+                questions and their answers stand below the message. Nothing came in.
             ValueError: There is no such format.
         """
         with Session.open(self.folder, self.operator) as session:
-            brought = import_into(self.project, session, form, Path(path))
-        self.project = read_project(self.project.file)
+            brought = bring_file(self.project, session, form, Path(path), answers)
+        self.project = read_project(self.project.file, brought=True)
         return brought
 
     def _standing(self) -> tuple[BlockValue, AdjustmentReport]:
@@ -172,6 +180,7 @@ class Block:
 
     def _walk(self, options: RunOptions) -> Run:
         voice = Terminal(LastingConsole(quiet=True) if self.quiet else None)
+        self.project = read_project(self.project.file)
         with Session.open(self.folder, self.operator) as session:
             walk = Run(self.project, session, voice, options)
             try:

@@ -5,13 +5,12 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from app.bring_points import POINT_TABLE, BroughtPoints, bring_points, reading_of, told_lines
-from app.exchange import export_block, export_target, import_into
+from app.bring_points import OpenQuestionsError
+from app.exchange import bring_file, export_block, export_target
 from app.project import read_project
 from app.run import Run
 from app.terminal import Voice
 from app.verbs.run import run_options
-from core.errors import ProjectError
 from sessions.session import Session
 
 
@@ -43,29 +42,15 @@ def bring(given: argparse.Namespace, voice: Voice) -> None:
     # What comes in may be what tells where the block lies.
     project = read_project(given.block, brought=True)
     with Session.open(project.folder, given.operator) as session:
-        if name == POINT_TABLE:
-            reading = reading_of(given.answer)
-            tell_points(bring_points(project, session, Path(path), reading), path, voice)
-            return
-        brought = import_into(project, session, name, Path(path))
+        try:
+            brought = bring_file(project, session, name, Path(path), given.answer)
+        except OpenQuestionsError as asked:
+            for line in asked.lines:
+                voice.say(line)
+            raise
     for what, count in brought.counts.items():
         voice.say(voice.tell(f"brought.{what}", count=count))
     if not brought.counts:
         voice.say(voice.tell("brought.nothing"))
     for note in brought.notes:
         voice.say(note)
-
-
-def tell_points(brought: BroughtPoints, path: Path, voice: Voice) -> None:
-    """What came of a table of points.
-
-    Raises:
-        ProjectError: A question was left; nothing came in.
-    """
-    for line in told_lines(brought):
-        voice.say(line)
-    if brought.recorded is None:
-        raise ProjectError(
-            path, "no point was taken over.", "Settle what is asked above with --answer."
-        )
-    voice.say(voice.tell("brought.points", count=len(brought.found.points)))

@@ -75,6 +75,8 @@ class DelimitedTable:
     """Names of the columns; empty where there are none."""
     rows: tuple[TableRow, ...]
     """All other lines, comments and empty ones left out."""
+    comments: tuple[str, ...] = ()
+    """Comments above the first row."""
 
 
 def number_of(cell: str, decimal: str) -> float | None:
@@ -124,8 +126,9 @@ def read_table(
     rows = [TableRow(n, _cells(line, delimiter), line.strip()) for n, line in lines]
     names, rows = _header(rows, comments, delimiter, known_words, header)
     return DelimitedTable(
-        encoding, delimiter, decimal or _decimal([row.cells for row in rows]), names, tuple(rows)
-    )
+        encoding, delimiter, decimal or _decimal([row.cells for row in rows]), names, tuple(rows),
+        tuple(line.strip() for line in comments),
+    )  # fmt: skip
 
 
 def _text(path: Path, encoding: str) -> tuple[str, str]:

@@ -1,7 +1,7 @@
 """Axis directions and CRS of a point list, found by comparison with the block."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import get_args
 
@@ -20,6 +20,7 @@ from core.formats.listed_point import (
     Question,
     ReadRow,
     RefusedRow,
+    Triple,
     plain_word,
 )
 from core.geometry.crs import KROVAK, KROVAK_RANGE, Bounds, PlanePoints, operation_between
@@ -38,6 +39,9 @@ MOST_DEGREES = (180.0, 90.0)
 # design: systems of heights differ by 110 m at most, and towers that are surveyed stand lower.
 HIGHEST_OFF_M = 200.0
 """A height further off the DEM than this is not of a point that stands there."""
+# design: tables are rounded to the centimetre, and a place beyond is another one.
+SAME_M = 0.01
+"""A point of the block that a list has within this is listed as it stands."""
 WHOLE_OR_NOT = (
     Choice("leave out", say("leave them out")),
     Choice("keep", say("bring them all the same")),
@@ -53,8 +57,8 @@ class Surroundings:
     """The block's CRS."""
     bounds: Bounds | None = None
     """Ground of the block's photos in that CRS, metres; None where it is not known yet."""
-    taken: frozenset[str] = frozenset()
-    """Names that points of another kind have."""
+    taken: Mapping[str, Triple] = field(default_factory=dict[str, Triple])
+    """Points of another kind by name, in that CRS: the block found them itself; metres."""
     ground: Callable[[PlanePoints], Heights] | None = None
     """Heights of the DEM at places in that CRS, metres, NaN beside it; None without a DEM."""
 
@@ -366,4 +370,44 @@ def _above(row: ReadRow, ground_m: float) -> RefusedRow:
     told = "{name} has {height:.1f} m, where the DEM has {ground:.1f} m."
     cause = say(told, name=row.point.point_id, height=row.point.height, ground=ground_m)
     remedy = say("Check digits, column and unit of its height.")
+    return RefusedRow(row.source.number, row.source.text, cause, remedy)
+
+
+def without_own(
+    rows: list[ReadRow], around: Surroundings
+) -> tuple[list[ReadRow], list[RefusedRow], tuple[str, ...]]:
+    """The rows of new points, those whose name the block gave to another place, and a word.
+
+    An exported list also has points that the block found itself. Where they stand as they stood,
+    they are the block's own and no surveyed points.
+    """
+    new = [row for row in rows if row.point.point_id not in around.taken]
+    own: list[str] = []
+    refused: list[RefusedRow] = []
+    for row in rows:
+        point = row.point
+        known = around.taken.get(point.point_id)
+        if known is None:
+            continue
+        place = np.array([point.easting, point.northing, point.height])
+        if np.abs(place - known).max() <= SAME_M:
+            own.append(point.point_id)
+        else:
+            refused.append(_clashing(row))
+    if not own:
+        return new, refused, ()
+    told = say(
+        "{count:# point is the block's own and stays|# points are the block's own and stay} as "
+        "found, such as {name}.",
+        count=len(own),
+        name=own[0],
+    )
+    return new, refused, (told,)
+
+
+def _clashing(row: ReadRow) -> RefusedRow:
+    """A point with the name of another."""
+    name = row.point.point_id
+    cause = say("the block has a point of another kind that is called {name}.", name=name)
+    remedy = say("Give the point another name.")
     return RefusedRow(row.source.number, row.source.text, cause, remedy)

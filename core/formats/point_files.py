@@ -1,12 +1,11 @@
 """Surveyed points as tables for Metashape, Pix4D and others."""
 
-import re
 from pathlib import Path
 
 from core.errors import ProjectError
 from core.formats.exchange import Conventions, ExchangeBlock, ExchangeFormat, ExchangePoint
 from core.formats.point_axes import Surroundings
-from core.formats.point_list import read_point_list, refuse_doubtful
+from core.formats.point_list import read_point_list, refuse_doubtful, stated_crs
 from core.formats.records import read_text, write_rows
 from core.geometry.crs import read_crs
 from core.said import say
@@ -25,8 +24,6 @@ METASHAPE_HEAD = (
 """Heads of Metashape's reference, checks not enabled; `role`, which is ours, brings them back."""
 PLAIN_HEAD = ("id", "X", "Y", "Z", "sigma_X", "sigma_Y", "sigma_Z", "role")
 """Heads of the plain table."""
-COMMENT = re.compile(r"#\s*(?:CRS|CoordinateSystem)\s*:\s*(.+)", re.IGNORECASE)
-"""How a table names its CRS."""
 POINTS, CHECKS, MARKS = "gcp.csv", "checkpoints.csv", "marks.csv"
 """Files for Pix4D: control, checks, and where they are seen."""
 
@@ -88,8 +85,7 @@ def read_points(path: Path) -> ExchangeBlock:
     Raises:
         ProjectError: It names no CRS, a row cannot be used, or something has to be asked.
     """
-    heads = (COMMENT.match(line) for line in read_text(path).splitlines())
-    crs = next((head[1].strip() for head in heads if head), "")
+    crs = stated_crs(read_text(path).splitlines())
     if not crs:
         raise ProjectError(
             path,

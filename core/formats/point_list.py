@@ -5,13 +5,14 @@ question to the user; a row that cannot be used is refused with a reason. Nothin
 silently.
 """
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from core.errors import ProjectError
+from core.errors import CrsError, ProjectError
 from core.formats.delimited_table import DelimitedTable, TableRow, number_of, read_table
 from core.formats.listed_point import (
     COORDINATES,
@@ -44,9 +45,13 @@ from core.formats.point_axes import (
     placed_rows,
     settle_axes,
     within_reach,
+    without_own,
 )
+from core.geometry.crs import horizontal, read_crs
 from core.said import say
 
+COMMENT = re.compile(r"#\s*(?:CRS|CoordinateSystem)\s*:\s*(.+)", re.IGNORECASE)
+"""How a table names its CRS."""
 # design: a name must fit into a label beside its point.
 LONGEST_NAME = 60
 SPREADSHEET_REMEDY = "Save decimal commas with semicolons between the columns, or write points."
@@ -92,11 +97,30 @@ def read_point_list(
         decimal=table.decimal,
         header=bool(table.header),
         columns=columns,
+        crs=given.crs or _foreign_crs(table, around.crs),
     )
     found = PointList(settled, table, _evidence_of_form(settled, table))
     if question := _asked_of_columns(columns, table):
         return replace(found, questions=(question,))
     return _with_points(found, around, path)
+
+
+def stated_crs(comments: Iterable[str]) -> str:
+    """The CRS that a comment above a table names, as it is written; empty where none does."""
+    heads = (COMMENT.match(line) for line in comments)
+    return next((head[1].strip() for head in heads if head), "")
+
+
+def _foreign_crs(table: DelimitedTable, crs: str) -> str:
+    """The CRS above a table where PROJ knows it and it is not the block's; else empty."""
+    stated = stated_crs(table.comments)
+    if not stated:
+        return ""
+    try:
+        theirs, ours = (horizontal(read_crs(text, "")) for text in (stated, crs))
+    except CrsError:
+        return ""
+    return "" if theirs == ours else stated
 
 
 def read_control_points(path: Path, crs: str) -> tuple[ListedPoint, ...]:
@@ -184,7 +208,7 @@ def _with_points(found: PointList, around: Surroundings, path: Path) -> PointLis
     refused: list[RefusedRow] = []
     for row in found.table.rows:
         try:
-            rows.append(ReadRow(row, read_row(found, row, around.taken)))
+            rows.append(ReadRow(row, read_row(found, row)))
         except UnusableRow as error:
             cause, remedy = error.args
             refused.append(RefusedRow(row.number, row.text, cause, remedy))
@@ -198,6 +222,9 @@ def _with_points(found: PointList, around: Surroundings, path: Path) -> PointLis
     if reading.crs:
         evidence += (evidence_of_crs(rows, reading, around, path),)
     if not more:
+        placed, clashing, told = without_own(placed, around)
+        refused += clashing
+        evidence += told
         placed, beyond, question = within_reach(placed, reading, around)
         refused += beyond
         asked += question
@@ -232,7 +259,7 @@ def _asked_of_refused(refused: Sequence[RefusedRow], left: int) -> Question:
     return Question("refused", words, (choice,))
 
 
-def read_row(found: PointList, row: TableRow, taken: frozenset[str]) -> ListedPoint:
+def read_row(found: PointList, row: TableRow) -> ListedPoint:
     """One row; its plane coordinates as they are written."""
     columns, header = found.reading.columns or (), found.table.header
     cells = _fitted(row, len(header) or len(columns), found)
@@ -244,11 +271,6 @@ def read_row(found: PointList, row: TableRow, taken: frozenset[str]) -> ListedPo
         raise UnusableRow(say("the point has no name."), say("Give every point one."))
     if not name.isprintable() or len(name) > LONGEST_NAME:
         raise UnusableRow(say("the name cannot be used."), say("Give it a short name in one line."))
-    if name in taken:
-        raise UnusableRow(
-            say("the block has a point of another kind that is called {name}.", name=name),
-            say("Give the point another name."),
-        )
     east, north, height = (
         _coordinate(text[quantity], quantity, found.table.decimal) for quantity in COORDINATES
     )

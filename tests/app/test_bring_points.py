@@ -5,12 +5,17 @@ import zipfile
 from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.bring_points import bring_points, known_block
 from app.project import read_project
 from core.errors import PhotogrammetryError
+from core.exchange import fit_to_format
+from core.formats.exchange_formats import FORMATS
 from core.formats.listed_point import PointListReading
+from core.formats.point_files import write_points
+from core.geometry.crs import operation_between
 from sessions.decisions import BringPoints
 from sessions.session import Session
 from tests.tiny import Tiny
@@ -202,3 +207,31 @@ def test_a_name_the_engine_has_given_is_refused__truth(block, tmp_path):
     found, made = brought(block, tmp_path, rows(f"{taken},{EAST},{NORTH},250"))
     assert "of another kind" in found.found.refused[0].cause
     assert made == []
+
+
+def test_points_the_block_found_itself_stay_its_own__truth(block, tmp_path):
+    """An exported list comes back: the block's own points stand as found, the others come in."""
+    with Session.open(block, "anna") as session:
+        ours = known_block(read_project(block), session)
+        assert ours is not None
+    out = fit_to_format(ours, None, FORMATS["points"])
+    write_points(tmp_path / "out.csv", out)
+    own = {name for name, one in ours.surveyed.items() if one.source != "surveyed"}
+    assert own & set(out.points)
+    found, made = brought(block, tmp_path, (tmp_path / "out.csv").read_bytes())
+    assert found.found.refused == ()
+    assert {point.point_id for point in made[0].points} == set(out.points) - own
+    assert any("own and stay as found" in line for line in found.found.evidence)
+
+
+def test_the_crs_above_a_list_counts__truth(block, tmp_path):
+    """A list that says another CRS is read in it; one that says nonsense is read in the block's."""
+    east, north = operation_between(
+        "EPSG:5514", "EPSG:32633", np.array([[EAST, NORTH]]), ""
+    ).forward(np.array([[EAST, NORTH]]))[0]
+    text = f"# CRS: EPSG:32633\nid,X,Y,Z\nU1,{east:.3f},{north:.3f},250\n"
+    _, made = brought(block, tmp_path, text.encode())
+    point = made[0].points[0]
+    assert (point.easting, point.northing) == pytest.approx((EAST, NORTH), abs=0.01)
+    _, made = brought(block, tmp_path, b"# CRS: ours\nid,X,Y,Z\n" + GOOD.encode())
+    assert len(made[0].points) == 2

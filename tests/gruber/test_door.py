@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 import gruber
+from app.bring_points import OpenQuestionsError
+from app.cli import main
+from sessions.decisions import BringPoints
 from sessions.session import Session
 from tests.tiny import Tiny
 
@@ -79,3 +82,58 @@ def test_what_no_decision_may_say_is_refused_and_leaves_the_session_readable__la
 def test_an_unknown_format_is_named__law() -> None:
     with pytest.raises(ValueError, match="one of"):
         gruber.read("a.txt", "no such format")
+
+
+def brought_by_both(
+    folder: Path, path: Path, answers: list[str]
+) -> tuple[BringPoints | str, BringPoints | str]:
+    """What the door records of a table of points, and what `gruber import` does, each undone."""
+    made: list[BringPoints | str] = []
+    said = [word for one in answers for word in ("--answer", one)]
+    for way in ("door", "command"):
+        block = gruber.open_block(folder, operator="door", quiet=True)
+        before = len(block.decisions())
+        if way == "door":
+            try:
+                block.bring("points", path, answers=answers)
+            except OpenQuestionsError as asked:
+                made.append(asked.cause)
+                continue
+        elif main(["import", str(folder), "--from", "points", str(path), *said]):
+            made.append("no point was taken over.")
+            continue
+        decisions = block.decisions()[before:]
+        if not decisions:
+            made.append("nothing")
+            continue
+        (one,) = decisions
+        assert isinstance(one.decision, BringPoints)
+        made.append(one.decision)
+        with Session.open(folder, one.who) as session:
+            session.undo()
+    return made[0], made[1]
+
+
+def test_points_come_in_as_by_the_command__law(tiny_run: Tiny, tmp_path: Path) -> None:
+    """No CRS in the list, a refused row, an answer; and our own export read again."""
+    listed = tmp_path / "list.csv"
+    listed.write_text("id;X;Y;Z\nA;-577300,5;-1193400,25;250\nB;-577310;-1193410;here\n")
+    assert brought_by_both(tiny_run.folder, listed, []) == ("no point was taken over.",) * 2
+    door, command = brought_by_both(tiny_run.folder, listed, ["refused=leave out"])
+    assert door == command
+    assert isinstance(door, BringPoints)
+    assert [point.point_id for point in door.points] == ["A"]
+    out = gruber.open_block(tiny_run.folder, quiet=True).export("points", tmp_path / "own.csv")
+    door, command = brought_by_both(tiny_run.folder, out.path, [])
+    assert door == command
+    assert isinstance(door, BringPoints)
+    assert {point.point_id[:3] for point in door.points} == {"CHK"}
+
+
+def test_what_a_list_leaves_open_is_told_at_the_door__truth(tiny_run: Tiny, tmp_path: Path) -> None:
+    listed = tmp_path / "list.csv"
+    listed.write_text("id,X,Y,Z\nA,-577300,-1193400,here\nB,-577300,-1193400,250\n")
+    block = gruber.open_block(tiny_run.folder, quiet=True)
+    with pytest.raises(gruber.PhotogrammetryError) as asked:
+        block.bring("points", listed)
+    assert any("refused='leave out'" in line for line in asked.value.__notes__)
