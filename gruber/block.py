@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from app.block_list import was_made
 from app.exchange import Brought, Exported, bring_file, export_block
 from app.project import Project, read_project
-from app.run import Run, RunOptions
+from app.run import STAGE_NAMES, Run, RunOptions
 from app.terminal import LastingConsole, Terminal
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import Block as BlockValue
@@ -49,6 +50,16 @@ class Block:
     def __init__(self, project: Project, operator: str, *, quiet: bool) -> None:
         self.project, self.operator, self.quiet = project, operator, quiet
 
+    def __repr__(self) -> str:
+        """Name, place, size, and how far it was run; the block itself is not opened."""
+        made = [name for name in STAGE_NAMES if was_made(self.folder, name)]
+        reached = f"run as far as {made[-1]}" if made else "not run yet"
+        scans = len(self.project.scans.listed)
+        return (
+            f"<Block {self.project.block.name!r}: {scans} scans, {self.crs}, {reached}; "
+            f"in {str(self.folder)!r}>"
+        )
+
     @property
     def folder(self) -> Path:
         """The block's folder."""
@@ -74,7 +85,9 @@ class Block:
 
         Raises:
             PhotogrammetryError: The data cannot be used.
+            ValueError: There is no such stage, or the last comes before the first.
         """
+        _check_stages(first, last)
         self._walk(RunOptions(first, last, workers))
 
     def adjust(self) -> AdjustmentReport:
@@ -88,6 +101,14 @@ class Block:
     def orientations(self) -> tables.Table:
         """Exterior orientations; see `gruber.tables.orientations`."""
         return tables.orientations(*self._standing())
+
+    def cameras(self) -> tables.Table:
+        """Cameras as adjusted; see `gruber.tables.cameras`."""
+        return tables.cameras(self._standing()[0])
+
+    def interiors(self) -> tables.Table:
+        """Interior orientations; see `gruber.tables.interiors`."""
+        return tables.interiors(self._standing()[0])
 
     def points(self) -> tables.Table:
         """Surveyed points; see `gruber.tables.points`."""
@@ -204,3 +225,13 @@ def _refuse_unknown(decision: Decision, block: BlockValue) -> None:
         columns, rows = block.photos[decision.photo_id].size_px
         if not (0 <= decision.column <= columns and 0 <= decision.row <= rows):
             raise ValueError(f"{photo!r} has {columns} columns and {rows} rows.")
+
+
+def _check_stages(first: str | None, last: str | None) -> None:
+    """Refuse stages that do not exist or follow in the wrong order, with those there are."""
+    names = ", ".join(STAGE_NAMES)
+    for name in (first, last):
+        if name is not None and name not in STAGE_NAMES:
+            raise ValueError(f"{name!r} is no stage; it is one of {names}")
+    if first and last and STAGE_NAMES.index(last) < STAGE_NAMES.index(first):
+        raise ValueError(f"{last!r} comes before {first!r}; the stages are {names}")

@@ -69,6 +69,49 @@ def measurements(block: BlockValue, report: AdjustmentReport | None) -> Table:
     )  # fmt: skip
 
 
+def cameras(block: BlockValue) -> Table:
+    """Cameras as adjusted: millimetres in the film frame (x right, y up, the certificate's origin).
+
+    Columns: camera, principal_distance_mm, principal_point_x_mm, principal_point_y_mm, k1, k2, k3
+    (imaged = ideal * (1 + k1 r^2 + k2 r^4 + k3 r^6), r in millimetres), width_mm, height_mm.
+    """
+    columns = [
+        ("camera", NAME), ("principal_distance_mm", "f8"), ("principal_point_x_mm", "f8"),
+        ("principal_point_y_mm", "f8"), ("k1", "f8"), ("k2", "f8"), ("k3", "f8"),
+        ("width_mm", "f8"), ("height_mm", "f8"),
+    ]  # fmt: skip
+    return np.array(
+        [
+            (name, own.principal_distance_mm, *own.principal_point_mm, *own.radial_distortion,
+             *own.frame_mm)
+            for name, own in block.cameras.items()
+        ],
+        dtype=columns,
+    )  # fmt: skip
+
+
+def interiors(block: BlockValue) -> Table:
+    """Interior orientations of all photos: film (mm) of pixels (outer corner of the first (0, 0)).
+
+    Columns: photo, camera, model, columns, rows (of the scan), x_0, x_col, x_row, y_0, y_col,
+    y_row (x = x_0 + x_col * column + x_row * row, likewise y; the affine part), pixel_um, sigma_um
+    (NaN without redundancy), fiducials (how many were used).
+    """
+    affine = [(name, "f8") for name in ("x_0", "x_col", "x_row", "y_0", "y_col", "y_row")]
+    columns = [
+        ("photo", NAME), ("camera", NAME), ("model", "U16"), ("columns", "i4"), ("rows", "i4"),
+        *affine, ("pixel_um", "f8"), ("sigma_um", "f8"), ("fiducials", "i4"),
+    ]  # fmt: skip
+    rows: list[tuple[Any, ...]] = []
+    for name, photo in block.photos.items():
+        own = photo.interior
+        (x_col, x_row, x_0), (y_col, y_row, y_0) = own.film_from_pixel_matrix.tolist()
+        film = x_0, x_col, x_row, y_0, y_col, y_row
+        figures = 1000 * own.pixel_size_mm, own.sigma_um, len(own.names)
+        rows.append((name, photo.camera, own.model, *photo.size_px, *film, *figures))
+    return np.array(rows, dtype=columns)
+
+
 def ties(report: AdjustmentReport) -> Table:
     """Adjusted tie points: metres; NaN for those that were left out.
 

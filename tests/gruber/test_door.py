@@ -1,6 +1,7 @@
 """The Python door: its examples run, and it says what tables and session say."""
 
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ def test_the_examples_run__law(
     (tmp_path / "gruber-demo").symlink_to(tiny_run.folder)
     monkeypatch.chdir(tmp_path)
     pieces = re.findall(r"```python\n(.*?)```", EXAMPLES.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(pieces) == 4
+    assert len(pieces) == 5
     known: dict[str, object] = {}
     for piece in pieces:
         exec(compile(piece, str(EXAMPLES), "exec"), known)
@@ -137,3 +138,43 @@ def test_what_a_list_leaves_open_is_told_at_the_door__truth(tiny_run: Tiny, tmp_
     with pytest.raises(gruber.PhotogrammetryError) as asked:
         block.bring("points", listed)
     assert any("refused='leave out'" in line for line in asked.value.__notes__)
+
+
+def test_an_unknown_stage_is_named__law(tiny_run: Tiny) -> None:
+    block = gruber.open_block(tiny_run.folder, quiet=True)
+    with pytest.raises(ValueError, match=r"'nonsense' is no stage; it is one of scans, .*report"):
+        block.run(last="nonsense")
+    with pytest.raises(ValueError, match="'nonsense' is no stage"):
+        block.run(first="nonsense")
+    with pytest.raises(ValueError, match="'scans' comes before 'ties'"):
+        block.run(first="ties", last="scans")
+
+
+def test_cameras_and_interiors_are_those_of_the_block__law(tiny_run: Tiny) -> None:
+    block = gruber.open_block(tiny_run.folder, quiet=True)
+    ours = block.adjust().block
+    for row in block.cameras():
+        camera = ours.cameras[row["camera"]]
+        assert row["principal_distance_mm"] == camera.principal_distance_mm
+        assert [row["k1"], row["k2"], row["k3"]] == [*camera.radial_distortion]
+    pixel = np.array([[1000.0, 700.0]])
+    rows = block.interiors()
+    assert {*rows["photo"]} == {*ours.photos}
+    for row in rows:
+        photo = ours.photos[row["photo"]]
+        film = [
+            row[f"{axis}_0"] + pixel[0] @ (row[f"{axis}_col"], row[f"{axis}_row"]) for axis in "xy"
+        ]
+        assert film == pytest.approx(photo.interior.film_from_pixel(pixel)[0], abs=1e-6)
+        assert (row["columns"], row["rows"]) == photo.size_px
+        assert row["fiducials"] == len(photo.interior.names)
+
+
+def test_a_block_says_what_it_is__law(tiny_run: Tiny, tiny_block: Path, tmp_path: Path) -> None:
+    told = repr(gruber.open_block(tiny_run.folder, quiet=True))
+    assert "6 scans" in told
+    assert "EPSG:5514" in told
+    assert "run as far as" in told
+    shutil.copytree(tiny_block, tmp_path / "new")
+    assert "not run yet" in repr(gruber.open_block(tmp_path / "new", quiet=True))
+    assert not (tmp_path / "new" / "results").exists()
