@@ -48,6 +48,7 @@ def _section(one: ExchangeFormat) -> str:
     ways = [word for word, way in (("written", one.write), ("read", one.read)) if way is not None]
     rows = {
         "ways": " and ".join(ways) + (", as a folder" if one.folder else ", as one file"),
+        "exported to": f"`results/export/{one.default_name}`" if one.write else "nowhere",
         "interior orientation": HOLDS[one.holds],
         "Earth's curvature": "left to the reader" if one.curved else "taken out of measurements",
         **{head: getattr(one.conventions, field) for field, head in ROWS.items()},

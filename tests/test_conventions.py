@@ -19,3 +19,8 @@ def test_every_format_says_how_it_counts__law(one: ExchangeFormat) -> None:
     assert one.read or one.write
     assert one.default_name or one.write is None
     assert FORMATS[one.name] is one
+
+
+def test_no_format_overwrites_the_export_of_another__law() -> None:
+    names = [one.default_name for one in FORMATS.values() if one.write is not None]
+    assert len({*names}) == len(names), sorted(name for name in names if names.count(name) > 1)

@@ -310,7 +310,7 @@ def _format(convention: AngleConvention) -> ExchangeFormat:
         holds="nothing",
         write=_writer(convention),
         read=partial(read_eo_block, said=convention),
-        default_name="exterior.csv",
+        default_name=f"exterior-{convention.name}.csv",
         folder=False,
     )
 
