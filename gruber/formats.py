@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from app.exchange import format_named
-from core.formats.exchange import ExchangeBlock
+from core.formats.exchange import ExchangeBlock, read_format
 
 
 def read(path: str | Path, form: str) -> ExchangeBlock:
@@ -17,9 +17,7 @@ def read(path: str | Path, form: str) -> ExchangeBlock:
         PhotogrammetryError: It cannot be read; the message names file, cause and remedy.
         ValueError: There is no such format.
     """
-    reader = format_named(form, reads=True).read
-    assert reader is not None
-    return reader(Path(path))
+    return read_format(format_named(form, reads=True), Path(path))
 
 
 def write(block: ExchangeBlock, path: str | Path, form: str) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from core.formats.mmvii import MMVII
 from core.formats.opensfm import ODM, OPENSFM
 from core.formats.outlines import FOOTPRINTS_FORMAT
 from core.formats.pat_b import PATB_FORMAT
+from core.formats.pix4d import PIX4D_POINTS
 from core.formats.point_files import POINT_FORMATS
 from core.formats.qgis_exchange import QGIS
 from core.formats.stac import STAC_FORMAT
@@ -41,6 +42,7 @@ FORMATS: Mapping[str, ExchangeFormat] = {
         ASP_FORMAT,
         ARCGIS_FORMAT,
         *POINT_FORMATS,
+        PIX4D_POINTS,
         GEOJSON_FORMAT,
         FOOTPRINTS_FORMAT,
         STAC_FORMAT,

@@ -396,13 +396,13 @@ def without_own(
             refused.append(_clashing(row))
     if not own:
         return new, refused, ()
-    told = say(
+    evidence = say(
         "{count:# point is the block's own and stays|# points are the block's own and stay} as "
         "found, such as {name}.",
         count=len(own),
         name=own[0],
     )
-    return new, refused, (told,)
+    return new, refused, (evidence,)
 
 
 def _clashing(row: ReadRow) -> RefusedRow:

@@ -1,4 +1,4 @@
-"""Surveyed points as tables for Metashape, Pix4D and others."""
+"""Surveyed points as tables for Metashape and others."""
 
 from pathlib import Path
 
@@ -24,8 +24,6 @@ METASHAPE_HEAD = (
 """Heads of Metashape's reference, checks not enabled; `role`, which is ours, brings them back."""
 PLAIN_HEAD = ("id", "X", "Y", "Z", "sigma_X", "sigma_Y", "sigma_Z", "role")
 """Heads of the plain table."""
-POINTS, CHECKS, MARKS = "gcp.csv", "checkpoints.csv", "marks.csv"
-"""Files for Pix4D: control, checks, and where they are seen."""
 
 
 def write_points(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
@@ -52,31 +50,6 @@ def write_metashape_points(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     ]
     write_rows(path, rows, [*head, "#" + ",".join(METASHAPE_HEAD)])
     return _lost(block)
-
-
-def write_pix4d_points(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
-    """Write control, checks and their marks, without heads, into a folder.
-
-    Returns:
-        What was left out.
-    """
-    path.mkdir(parents=True, exist_ok=True)
-    for file, role in ((POINTS, "control"), (CHECKS, "check")):
-        rows = [[p.point_id, *_for_pix4d(p)] for p in block.points.values() if p.role == role]
-        if rows or role == "control":
-            write_rows(path / file, rows)
-    files = {name: photo.file for name, photo in block.photos.items()}
-    marks = [
-        [files.get(one.photo_id, one.photo_id), one.point_id, one.column, one.row]
-        for one in block.measurements
-    ]
-    write_rows(path / MARKS, marks)
-    notes: list[str] = []
-    if any(photo.exterior is not None for photo in block.photos.values()):
-        notes.append(say("The table holds points alone: no orientations and no cameras."))
-    if any(one.sigma_px for one in block.measurements):
-        notes.append(say("Standard deviations of measurements are left out."))
-    return tuple(notes)
 
 
 def read_points(path: Path) -> ExchangeBlock:
@@ -112,24 +85,17 @@ def point_numbers(point: ExchangePoint) -> tuple[object, ...]:
     return (*point.position, *(point.sigma_m or ("", "", "")))
 
 
-def _for_pix4d(point: ExchangePoint) -> tuple[float, ...]:
-    """Coordinates, then accuracy in plan and height."""
-    sigma = point.sigma_m
-    return (*point.position, *((max(sigma[:2]), sigma[2]) if sigma is not None else ()))
-
-
 def _lost(block: ExchangeBlock) -> tuple[str, ...]:
     if block.measurements or any(p.exterior is not None for p in block.photos.values()):
         return (say("The table holds points alone: no orientations, cameras and measurements."),)
     return ()
 
 
-def _conventions(sigmas: str, tested: str, pixels: str = "none") -> Conventions:
+def _conventions(sigmas: str, tested: str) -> Conventions:
     return Conventions(
-        pixels=pixels,
         object_space="easting, northing, height, metres",
         sigmas=sigmas,
-        lost="all but surveyed points" + ("" if pixels == "none" else " and their measurements"),
+        lost="all but surveyed points",
         tested=tested,
     )
 
@@ -154,18 +120,6 @@ POINT_FORMATS: tuple[ExchangeFormat, ...] = (
         read=read_points,
         default_name="markers.csv",
         folder=False,
-    ),
-    ExchangeFormat(
-        name="pix4d-points",
-        title="Pix4D: control, checks and marks",
-        conventions=_conventions(
-            "metres, plan and height",
-            "untested on real files",
-            "column right, row down, outer corner of the first pixel",
-        ),
-        holds="upright",
-        write=write_pix4d_points,
-        default_name="pix4d",
     ),
 )
 """Tables of points; lists of any form are read as `[control] points` or at the desk."""

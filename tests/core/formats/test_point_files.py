@@ -1,4 +1,4 @@
-"""Tables of surveyed points as Metashape, Pix4D and people read them."""
+"""Tables of surveyed points as Metashape and people read them."""
 
 import csv
 from collections.abc import Callable
@@ -11,7 +11,6 @@ from core.errors import CrsError, ProjectError
 from core.formats.point_files import (
     read_points,
     write_metashape_points,
-    write_pix4d_points,
     write_points,
 )
 from tests.exchanged import RECIPES, Recipe, block_of
@@ -82,18 +81,3 @@ def test_an_unknown_crs_is_named__truth(tmp_path: Path) -> None:
     path.write_text(PLAIN.replace("EPSG:5514", "Atlantis") + "1,-743000,-1043000,300\n")
     with pytest.raises(CrsError, match="does not know"):
         read_points(path)
-
-
-def test_pix4d_gets_control_checks_and_marks_apart__truth(tmp_path: Path) -> None:
-    notes = write_pix4d_points(tmp_path, BLOCK)
-    assert len(notes) == 2
-    control, checks = rows_of(tmp_path / "gcp.csv"), rows_of(tmp_path / "checkpoints.csv")
-    assert {row[0] for row in control} | {row[0] for row in checks} == set(BLOCK.points)
-    assert {row[0] for row in checks} == {n for n, p in BLOCK.points.items() if p.role == "check"}
-    point = BLOCK.points[control[0][0]]
-    assert float(control[0][4]) == max(point.sigma_m[:2])
-    marks = rows_of(tmp_path / "marks.csv")
-    assert len(marks) == len(BLOCK.measurements)
-    first = BLOCK.measurements[0]
-    assert marks[0][:2] == [f"{first.photo_id}.tif", first.point_id]
-    assert list(map(float, marks[0][2:])) == pytest.approx([first.column, first.row])
