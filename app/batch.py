@@ -23,7 +23,7 @@ from app.run import STAGE_NAMES, Run, RunOptions
 from app.settings import Settings
 from app.terminal import JsonLines, Voice, interruptible
 from core.errors import PhotogrammetryError, ProjectError
-from core.formats.records import plain_bytes
+from core.formats.records import guarded, plain_bytes
 from core.said import say
 from sessions.atomic_write import whole_file
 from sessions.codec import from_json
@@ -277,7 +277,7 @@ class Batch:
             rows.writerow(COLUMNS)
             for state in states:
                 row = (state.state, state.stage, state.seconds, state.findings, state.message)
-                rows.writerow((state.task.block, *row))
+                rows.writerow([guarded(cell) for cell in (str(state.task.block), *row)])
         self._written = states
 
     def _stop(self) -> None:

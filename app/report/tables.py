@@ -13,6 +13,7 @@ from core.formats.micmac_points import (
     write_camera_measures,
     write_image_measures,
 )
+from core.formats.records import guarded
 from core.geometry.interior import film_shape
 from core.results import BlockInput
 from core.scans.interior_orientation import ScanOrientation
@@ -63,7 +64,7 @@ def write_table(path: Path, columns: str, rows: Iterable[Sequence[Cell]]) -> Non
     with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns.split(","))
-        writer.writerows([_told(cell) for cell in row] for row in rows)
+        writer.writerows([guarded(_told(cell)) for cell in row] for row in rows)
 
 
 def control_rows(report: AdjustmentReport) -> list[list[Cell]]:

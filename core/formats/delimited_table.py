@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from core.errors import ProjectError
-from core.formats.records import status_of
+from core.formats.records import status_of, unguarded
 
 DELIMITERS = ("\t", ";", ",", " ")
 """Those that are recognised, the safest first; a blank stands for any run of blanks."""
@@ -200,7 +200,7 @@ def _cells(line: str, delimiter: str) -> tuple[str, ...]:
         found = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
     while found and not found[-1].strip():
         found.pop()
-    return tuple(cell.strip() for cell in found)
+    return tuple(unguarded(cell.strip()) for cell in found)
 
 
 def _is_number(cell: str) -> bool:

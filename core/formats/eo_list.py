@@ -17,7 +17,7 @@ from typing import cast, get_args
 import numpy as np
 
 from core.errors import ProjectError
-from core.formats.records import LONGEST_HEAD, plain_bytes, scan_stem
+from core.formats.records import LONGEST_HEAD, plain_bytes, scan_stem, unguarded
 from core.formats.rotations import (
     FULL_TURN,
     RADIANS,
@@ -198,7 +198,7 @@ def _cells(line: str, delimiter: str) -> list[str]:
         parts = line.split()
     else:
         parts = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
-    return [part.strip().strip('"') for part in parts]
+    return [unguarded(part.strip().strip('"')) for part in parts]
 
 
 def _names_scan(line: str) -> bool:

@@ -21,7 +21,7 @@ from core.formats.exchange import (
     ExchangePoint,
 )
 from core.formats.point_axes import are_degrees
-from core.formats.records import Record, read_records, read_text, scan_stem, write_rows
+from core.formats.records import Record, read_records, read_text, scan_stem, unguarded, write_rows
 from core.said import say
 
 POINTS, CHECKS, MARKS = "gcp.csv", "checkpoints.csv", "marks.csv"
@@ -29,7 +29,7 @@ POINTS, CHECKS, MARKS = "gcp.csv", "checkpoints.csv", "marks.csv"
 TEXTS = (".csv", ".txt")
 """Endings of its tables."""
 DELIMITERS = (";", "\t", ",")
-"""What may part the cells, the safest first; else blanks do."""
+"""What may part the cells: that which makes the most of them, else blanks."""
 AGAIN = "Export it again from Pix4D."
 
 
@@ -98,14 +98,14 @@ def read_pix4d_points(path: Path) -> ExchangeBlock:
 def _rows(path: Path) -> list[Record]:
     """Lines of a table, whatever parts its cells, without a line of heads."""
     first = read_text(path).lstrip().partition("\n")[0]
-    delimiter = next((sign for sign in DELIMITERS if sign in first), "")
-    parted = partial(_cells, delimiter) if delimiter else str.split
+    delimiter = max(DELIMITERS, key=lambda sign: len(_cells(sign, first)))
+    parted = partial(_cells, delimiter) if len(_cells(delimiter, first)) > 1 else str.split
     records = read_records(path, parted, comment="")
     return records[_is_head(records[0].cells) if records else 0 :]
 
 
 def _cells(delimiter: str, line: str) -> Sequence[str]:
-    return next(csv.reader([line], delimiter=delimiter))
+    return [unguarded(one.strip()) for one in next(csv.reader([line], delimiter=delimiter), [])]
 
 
 def _is_head(cells: Sequence[str]) -> bool:

@@ -4,6 +4,7 @@ import csv
 import errno
 import json
 import os
+import re
 import stat
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +25,8 @@ MOST_BYTES = 1_000_000_000
 # design: no program heads a column with more; what a damaged file has there is not looked through.
 LONGEST_HEAD = 80
 """Characters of the head of a column."""
+FORMULA = re.compile(r"'*(?:[=@\t\r]|[+-].*[(|!])", re.DOTALL)
+"""Text that spreadsheets run: what begins as a formula; after + or - only what calls something."""
 # A damaged table may be one long cell; Python's own limit would be an error of another kind.
 csv.field_size_limit(MOST_BYTES)
 
@@ -155,7 +158,7 @@ def read_rows(path: Path, needed: Sequence[str]) -> list[Row]:
                 needed=needed,
             )
     found = [
-        Row(path, number, tuple(cell.strip() for cell in cells), heads)
+        Row(path, number, tuple(unguarded(cell.strip()) for cell in cells), heads)
         for number, cells in enumerate(rows, 2)
         if cells
     ]
@@ -174,7 +177,22 @@ def write_rows(path: Path, rows: Iterable[Sequence[object]], above: Sequence[str
     """
     with path.open("w", encoding="utf-8", newline="") as stream:
         stream.writelines(f"{line}\n" for line in above)
-        csv.writer(stream, lineterminator="\n").writerows(rows)
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerows([guarded(cell) for cell in row] for row in rows)
+
+
+def guarded(cell: object) -> object:
+    """A cell of a table for people, which a spreadsheet shows and never runs.
+
+    Text that a spreadsheet would take for a formula gets an apostrophe before it, the
+    spreadsheets' own sign for text. Readers of our tables take it off (`unguarded`).
+    """
+    return f"'{cell}" if isinstance(cell, str) and FORMULA.match(cell) else cell
+
+
+def unguarded(cell: str) -> str:
+    """The text of a cell that `guarded` wrote."""
+    return cell[1:] if cell.startswith("'") and FORMULA.match(cell) else cell
 
 
 def write_lines(path: Path, lines: Iterable[str]) -> None:

@@ -77,6 +77,19 @@ def test_page_is_a_function_of_the_json__law(written):
     assert render(figures, picture) == page
 
 
+def test_names_are_text_and_nothing_else__truth(written):
+    """Names of points are the surveyor's: none becomes an element of the page."""
+    page, figures = written
+    hostile = '<script>alert("1")</script>'
+    text = json.dumps(figures)
+    point = figures["checks"]["points"][0]["point_id"]
+    named = json.loads(text.replace(json.dumps(point), json.dumps(hostile)))
+    picture = re.search(r'href="(data:image/jpeg;base64,[^"]+)"', page).group(1)
+    parser = parsed(render(named, picture))
+    assert "script" not in parser.tags
+    assert hostile in "".join(parser.text)
+
+
 def test_every_decision_is_told_with_who_made_it_and_whether_it_stands__law(written):
     page, figures = written
     third, second, first = figures["decisions"]["log"]

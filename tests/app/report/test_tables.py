@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.report.tables import control_rows, write_results
+from app.report.tables import control_rows, write_results, write_table
 from core.adjustment.adjusted import NewPoint
 
 
@@ -121,3 +121,9 @@ def test_photo_without_sigmas_has_empty_cells__law(report, tmp_path):
     assert all(row["sigma_X"] == "" for row in rows)
     text = (tmp_path / "check_points.csv").read_text(encoding="utf-8")
     assert text == "point_id,X,Y,Z,dX,dY,dZ,used_scans\n"
+
+
+def test_no_cell_of_a_table_is_run__truth(tmp_path):
+    write_table(tmp_path / "t.csv", "point_id,X", [['=HYPERLINK("a")', -1.5], ["-12", None]])
+    with (tmp_path / "t.csv").open(newline="") as stream:
+        assert list(csv.reader(stream))[1:] == [['\'=HYPERLINK("a")', "-1.5"], ["-12", ""]]
