@@ -32,6 +32,10 @@ from core.said import say
 
 NAME = "LMS_TIF_UP"
 """Attribute with the scan's name, as the Czech Office has it."""
+LAYER = "footprints"
+"""Layer of files that name theirs."""
+SHAPEFILE = "ESRI Shapefile"
+"""GDAL's name of the driver whose files name none."""
 # source: definition, in units of columns and rows.
 CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))
 """Corners of a scan in turn, closed."""
@@ -157,14 +161,17 @@ def write_footprints(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         "focal_px": np.array([photo.focal_px for photo in photos]),
     }
     try:
+        driver = pyogrio.detect_write_driver(path.name)
         pyogrio.raw.write(
             path,
+            # A shapefile is its layer; elsewhere the file may still have the name of a temporary.
+            layer=None if driver == SHAPEFILE else LAYER,
             geometry=np.array([shapely.to_wkb(shapely.Polygon(r)) for r in known.values()]),
             field_data=list(fields.values()),
             fields=np.array(list(fields), dtype=object),
             geometry_type="Polygon",
             crs=block.crs or None,
-            driver=pyogrio.detect_write_driver(path.name),
+            driver=driver,
         )
     except ValueError as error:
         raise ProjectError(

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyogrio
 import pytest
 
 from app import exchange
@@ -24,6 +25,7 @@ from core.formats.exchange import (
     ExchangePhoto,
     ExchangePoint,
 )
+from core.formats.outlines import read_footprints
 from core.geometry.exterior import ExteriorOrientation
 from core.progress import SILENT
 from core.raster.files import FILES
@@ -334,6 +336,28 @@ def test_a_tangent_frame_says_where_it_lies__law(
     apart = [np.linalg.norm(np.diff(one[:, :2], axis=0), axis=1) for one in (ours, there)]
     assert np.allclose(apart[1] / apart[0], 1.0, atol=1e-3)
     assert np.abs(there[:, :2]).max() < 5000
+
+
+@pytest.mark.parametrize("ending", ["gpkg", "geojson", "fgb", "shp"])
+def test_footprints_of_a_film_block_go_out__truth(
+    tiny_run: Tiny, tmp_path: Path, ending: str
+) -> None:
+    """Whole as any export is: the name of the layer is not that of the temporary."""
+    report, out = last_report(tiny_run), tmp_path / f"out.{ending}"
+    with Session.open(tiny_run.folder, "anna") as session:
+        export_block(
+            session, report.block, report, "footprints", out, pictures=False, progress=SILENT
+        )
+    (layer,) = pyogrio.list_layers(out)
+    assert layer[0] == ("out" if ending == "shp" else "footprints")
+    found = read_footprints(out, "LMS_TIF_UP", list(report.block.photos))
+    for name, one in found.by_photo.items():
+        photo, camera = report.block.photos[name], report.block.camera_of(name)
+        width, height = np.array(camera.frame_mm) / camera.principal_distance_mm
+        above = float(photo.exterior.centre[2]) - photo.ground_height_m
+        # Relief and tilt change the area by some hundredths.
+        assert one.polygon.area == pytest.approx(width * height * above**2, rel=0.1)
+    assert set(found.by_photo) == set(report.block.photos)
 
 
 def test_a_table_of_points_comes_in_from_the_command_line__truth(
