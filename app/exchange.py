@@ -18,7 +18,12 @@ from app.bring_points import (
     reading_of,
     told_lines,
 )
-from app.exchange_checks import check_exteriors, check_measurements, on_scans
+from app.exchange_checks import (
+    check_exteriors,
+    check_measurements,
+    on_scans,
+    without_own,
+)
 from app.project import Project
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import HAND_SIGMA_PX, Block
@@ -64,17 +69,6 @@ PICTURES = "photos"
 """Folder of an export with the scans laid upright."""
 STAMP = ".export"
 """File of an exported folder that names all that was written into it."""
-BY_ENDING = {
-    ".points": "qgis",
-    ".geojson": "geojson",
-    ".xml": "micmac",
-    ".prj": "inpho",
-    ".out": "bundler",
-    ".json": "opensfm",
-}
-"""The likeliest format of files, by the end of their names."""
-DOCUMENT = b"<document"
-"""With this the XML of Metashape begins."""
 
 
 def format_named(name: str, *, reads: bool) -> ExchangeFormat:
@@ -320,6 +314,7 @@ def usable_part(project: Project, name: str, path: Path, block: Block | None) ->
             ours=", ".join(list(names.values())[:3]),
         )
     foreign = on_scans(foreign, own, block, path)
+    foreign, kept = without_own(foreign, block, path)
     check_measurements(foreign, own, {s.photo_id: s.path for s in project.scans.listed}, path)
     turned = check_exteriors(foreign, own, block, path)
     decisions = decisions_of(foreign, own, path.name)
@@ -339,20 +334,9 @@ def usable_part(project: Project, name: str, path: Path, block: Block | None) ->
     }
     brought = Brought(
         {what: count for what, count in counts.items() if count},
-        (*foreign.notes, *turned, *_left_out(foreign, own)),
+        (*foreign.notes, *kept, *turned, *_left_out(foreign, own)),
     )
     return TakenOver(decisions, write, brought)
-
-
-def guess_format(names: Sequence[str], data: bytes) -> str:
-    """The likeliest format of files by their names; empty where they may be a table of points."""
-    plain = [name.lower() for name in names]
-    if "gcp_list.txt" in plain:
-        return "odm"
-    if plain[0].endswith(".xml") and DOCUMENT in data:
-        return "metashape"
-    endings = {Path(name).suffix for name in plain}
-    return next((form for ending, form in BY_ENDING.items() if ending in endings), "")
 
 
 def in_block_crs(foreign: ExchangeBlock, crs: str, path: Path) -> ExchangeBlock:

@@ -14,6 +14,7 @@ from core.block import Block, Photo
 from core.errors import ProjectError
 from core.exchange import UPRIGHT_SUFFIX, upright_frame
 from core.formats.exchange import ExchangeBlock, ExchangeMeasurement
+from core.formats.point_axes import SAME_M, told_own
 from core.formats.records import scan_stem
 from core.geometry.exterior import turn_between
 from core.raster.files import FILES
@@ -72,6 +73,30 @@ def on_scans(
 
     measured = (moved(one) if one.photo_id in laid else one for one in foreign.measurements)
     return replace(foreign, measurements=tuple(measured))
+
+
+def without_own(
+    foreign: ExchangeBlock, block: Block | None, path: Path
+) -> tuple[ExchangeBlock, tuple[str, ...]]:
+    """The points that the block did not find itself, and a word on those that it did.
+
+    Raises:
+        ProjectError: The name of such a point is given to another place.
+    """
+    found = {} if block is None else block.surveyed
+    own = [n for n in foreign.points if n in found and found[n].source != "surveyed"]
+    for name in own:
+        away = np.abs(np.array(foreign.points[name].position) - found[name].position).max()
+        if away > SAME_M:
+            raise ProjectError(
+                path,
+                say("the block has a point of another kind that is called {name}.", name=name),
+                say("Give the point another name."),
+            )
+    if not own:
+        return foreign, ()
+    points = {name: point for name, point in foreign.points.items() if name not in own}
+    return replace(foreign, points=points), (told_own(own),)
 
 
 def check_measurements(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from core.adjustment.adjusted import AdjustmentReport
-from core.arrays import Affine2, ObjectPoints, PixelPoints
+from core.arrays import ObjectPoints, PixelPoints
 from core.block import Block, Measurement, Photo, SurveyedPoint
 from core.formats.exchange import (
     ExchangeBlock,
@@ -187,7 +187,6 @@ def _photo(
     else:
         shift = frame.pixel_from_film(point[None])[0]
         matrix = np.column_stack([np.diag([c, -c]) / frame.pixel_mm, shift])
-    back = None if frame is None else _scan_from_upright(photo, frame)
     sigmas = None if report is None else report.exterior_sigmas.get(photo.photo_id)
     interior = photo.interior
     marks = zip(interior.names, interior.pixels.tolist(), strict=True)
@@ -200,16 +199,7 @@ def _photo(
         None if sigmas is None else triple_of(sigmas.centre_m),
         None if sigmas is None else triple_of(sigmas.angles),
         {} if frame is not None else {name: (column, row) for name, (column, row) in marks},
-        scan_from_upright=back,
     )
-
-
-def _scan_from_upright(photo: Photo, frame: UprightFrame) -> Affine2:
-    """Pixels of the scan from those of its upright frame, by the affine part of the interior."""
-    film = photo.interior.film_from_pixel_matrix
-    linear = np.linalg.inv(film[:, :2])
-    across = linear @ (np.diag([1.0, -1.0]) * frame.pixel_mm)
-    return np.column_stack([across, linear @ (np.array(frame.corner_mm) - film[:, 2])])
 
 
 def _with_refraction(photo: ExchangePhoto, refraction: float, camera: str) -> ExchangePhoto:

@@ -1,6 +1,6 @@
 """Point lists and files of other programs at the desk: previewed before they are imported."""
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any, cast, get_args, get_type_hints
 
 from app.bring_points import POINT_TABLE, Ground, surroundings
 from app.desk.messages import Measured
-from app.exchange import Brought, format_names, guess_format, usable_part
+from app.exchange import Brought, format_names, usable_part
 from app.project import read_project
 from core.block import UNKNOWN_M, Block, footprint
 from core.errors import PhotogrammetryError
@@ -32,6 +32,17 @@ SHOWN_ROWS = 8
 LONGEST_FILE = 60
 # design: a screen of them.
 SHOWN_REFUSED = 50
+BY_ENDING = {
+    ".points": "qgis",
+    ".geojson": "geojson",
+    ".xml": "micmac",
+    ".prj": "inpho",
+    ".out": "bundler",
+    ".json": "opensfm",
+}
+"""The likeliest format of files, by the end of their names."""
+DOCUMENT = b"<document"
+"""With this the XML of Metashape begins."""
 
 
 class DeskPoints:
@@ -123,6 +134,17 @@ class DeskPoints:
         """The block with all decisions; the loop's own session is not to be used from here."""
         with Session.open(self._folder, "") as session:
             return session.replayed(self._block)
+
+
+def guess_format(names: Sequence[str], data: bytes) -> str:
+    """The likeliest format of files by their names; empty where they may be a table of points."""
+    plain = [name.lower() for name in names]
+    if "gcp_list.txt" in plain:
+        return "odm"
+    if plain[0].endswith(".xml") and DOCUMENT in data:
+        return "metashape"
+    endings = {Path(name).suffix for name in plain}
+    return next((form for ending, form in BY_ENDING.items() if ending in endings), "")
 
 
 def reading_of(given: Mapping[str, Any]) -> PointListReading:

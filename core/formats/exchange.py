@@ -90,14 +90,10 @@ class ExchangePhoto:
     """Measured fiducials: column, row."""
     taken: str = ""
     """Day, month or year of exposure as ISO has it; empty where nobody says."""
-    scan_from_upright: Affine2 | None = None
-    """2 x 3: pixel of the scan from pixel of the scan laid upright (column, row; outer corner);
-    None where all pixels are those of the scan."""
 
     def __post_init__(self) -> None:
-        for name in ("pixel_from_image", "scan_from_upright"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, locked(getattr(self, name)))
+        if self.pixel_from_image is not None:
+            object.__setattr__(self, "pixel_from_image", locked(self.pixel_from_image))
 
     @property
     def orientation(self) -> ExteriorOrientation:

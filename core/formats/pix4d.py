@@ -5,8 +5,7 @@ accuracy) and on files of marks (image, label, x, y, accuracy in pixels; from th
 """
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -24,21 +23,16 @@ from core.formats.exchange import (
 from core.formats.point_axes import are_degrees
 from core.formats.records import (
     Record,
-    json_numbers,
-    read_json,
     read_records,
     read_text,
     scan_stem,
     unguarded,
-    write_json,
     write_rows,
 )
 from core.said import say
 
 POINTS, CHECKS, MARKS = "gcp.csv", "checkpoints.csv", "marks.csv"
 """Files we write: control, checks, and where they are seen."""
-UPRIGHT = "upright.json"
-"""File of ours: six numbers by scan that lead from pixels laid upright back to its own."""
 TEXTS = (".csv", ".txt")
 """Endings of its tables."""
 DELIMITERS = (";", "\t", ",")
@@ -59,10 +53,6 @@ def write_pix4d_points(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
             write_rows(path / file, rows)
     files = {name: photo.file for name, photo in block.photos.items()}
     write_rows(path / MARKS, [_mark(one, files[one.photo_id]) for one in block.measurements])
-    turned = {p.file: p.scan_from_upright for p in block.photos.values()}
-    laid = {file: back.ravel().tolist() for file, back in turned.items() if back is not None}
-    if laid:
-        write_json(path / UPRIGHT, laid)
     if any(photo.exterior is not None for photo in block.photos.values()):
         return (say("The table holds points alone: no orientations and no cameras."),)
     return ()
@@ -109,25 +99,7 @@ def read_pix4d_points(path: Path) -> ExchangeBlock:
         raise ExchangeError(
             path, "Its points are in degrees.", "Export them in the projection of the block."
         )
-    folder = path if path.is_dir() else path.parent
-    return ExchangeBlock(
-        photos=photos, points=points, measurements=tuple(_on_scans(folder, measurements, photos))
-    )
-
-
-def _on_scans(
-    folder: Path, marks: Sequence[ExchangeMeasurement], photos: Mapping[str, ExchangePhoto]
-) -> Iterator[ExchangeMeasurement]:
-    """Marks as pixels of the scans: those of scans laid upright by our export are led back."""
-    laid = read_json(folder / UPRIGHT) if (folder / UPRIGHT).is_file() else {}
-    for one in marks:
-        file = photos[one.photo_id].file
-        if file not in laid:
-            yield one
-            continue
-        back = np.reshape(json_numbers(folder / UPRIGHT, laid, file, 2 * 3), (2, 3))
-        column, row = (back @ [one.column, one.row, 1.0]).tolist()
-        yield replace(one, column=column, row=row)
+    return ExchangeBlock(photos=photos, points=points, measurements=tuple(measurements))
 
 
 def _rows(path: Path) -> list[Record]:
@@ -193,8 +165,7 @@ PIX4D_POINTS = ExchangeFormat(
     name="pix4d-points",
     title="Pix4D: control, checks and marks",
     conventions=Conventions(
-        pixels="column right, row down, outer corner of the first pixel; of scans laid upright, "
-        "with `upright.json`, which is ours and leads marks beside it back to the scans",
+        pixels="column right, row down, outer corner of the first pixel",
         object_space="easting, northing, height, metres; the CRS is not said",
         sigmas="points, metres, plan and height; marks, pixels (a fifth column; export marks "
         "without their zoom level)",

@@ -187,7 +187,10 @@ def test_scans_laid_upright_show_what_the_measurements_say__truth(
         assert np.corrcoef(here, there)[0, 1] > 0.9
 
 
-@pytest.mark.parametrize("name", ["odm", "opensfm", "opk", "asp", "geojson", "qgis", "metashape"])
+@pytest.mark.parametrize(
+    "name",
+    ["odm", "opensfm", "opk", "asp", "geojson", "pix4d-points", "qgis", "metashape"],
+)
 def test_measurements_of_film_come_back_into_their_own_block__law(
     tiny_run: Tiny, tmp_path: Path, name: str
 ) -> None:
@@ -197,6 +200,8 @@ def test_measurements_of_film_come_back_into_their_own_block__law(
         out = tmp_path / "out"
         export_block(session, report.block, report, name, out, pictures=False, progress=SILENT)
     taken = usable_part(project, name, out, report.block)
+    # Points that the block found itself stay its own.
+    assert not [one for one in taken.decisions if isinstance(one, BringPoints)]
     places = [one for one in taken.decisions if isinstance(one, Place)]
     assert len(places) == sum(m.used for m in report.block.measurements.values())
     for one in places:
@@ -237,6 +242,16 @@ def test_places_that_cannot_be_are_refused_whole__law(
             import_into(read_project(block.folder), session, "any", Path("list.xml"))
         assert not session.decisions()
     assert (block.folder / "block.toml").read_text() == before
+
+
+def test_a_point_of_the_block_elsewhere_is_refused__law(tiny_run: Tiny, tmp_path: Path) -> None:
+    report, project = last_report(tiny_run), read_project(tiny_run.folder)
+    name, photo = next(iter(report.block.measurements))
+    x, y, z = report.block.surveyed[name].position + np.array([3.0, 0.0, 0.0])
+    file = tmp_path / "gcp_list.txt"
+    file.write_text(f"EPSG:5514\n{x} {y} {z} 400 300 {photo}.tif {name}\n")
+    with pytest.raises(ProjectError, match="of another kind that is called"):
+        usable_part(project, "odm", file, report.block)
 
 
 def test_orientations_are_held_against_the_block__law(tiny_run: Tiny, tmp_path: Path) -> None:

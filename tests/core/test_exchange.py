@@ -1,7 +1,6 @@
 """What goes out projects as it does here, whatever the format holds."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from core.adjustment.block_adjustment import adjust_block
 from core.exchange import fit_to_format, upright_frame
 from core.formats.exchange import Conventions, ExchangeFormat, frame_camera, pixels_of
 from core.formats.outlines import FOOTPRINTS_FORMAT, ground_height, ground_outline
-from core.formats.pix4d import PIX4D_POINTS, read_pix4d_points, write_pix4d_points
 from core.geometry.camera import additional_set
 from core.geometry.collinearity import Atmosphere, film_from_object
 from tests.flights import FlightPlan, fly
@@ -135,17 +133,3 @@ def test_film_has_footprints_of_its_picture_area__truth() -> None:
         assert ring is not None
         apart = np.linalg.norm(np.array(ring)[:, None] - expected, axis=2)
         assert apart.min(axis=0).max() < 1.0, name
-
-
-def test_marks_of_turned_scans_come_back_to_the_scans__truth(tmp_path: Path) -> None:
-    """What went out for scans laid upright is read as pixels of the scans themselves."""
-    block = REPORT.block
-    out = fit_to_format(block, REPORT, PIX4D_POINTS)
-    assert any(photo.scan_from_upright is not None for photo in out.photos.values())
-    write_pix4d_points(tmp_path, out)
-    for path in (tmp_path, tmp_path / "marks.csv"):
-        found = read_pix4d_points(path).measurements
-        assert len(found) == len(out.measurements) > 10
-        for one in found:
-            known = block.measurements[one.point_id, one.photo_id]
-            assert (one.column, one.row) == pytest.approx((known.column, known.row), abs=1e-6)
