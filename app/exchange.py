@@ -22,7 +22,7 @@ from app.exchange_checks import (
     check_exteriors,
     check_measurements,
     on_scans,
-    without_own,
+    without_known,
 )
 from app.project import Project
 from core.adjustment.adjusted import AdjustmentReport
@@ -314,7 +314,7 @@ def usable_part(project: Project, name: str, path: Path, block: Block | None) ->
             ours=", ".join(list(names.values())[:3]),
         )
     foreign = on_scans(foreign, own, block, path)
-    foreign, kept = without_own(foreign, block, path)
+    foreign, kept = without_known(foreign, block, path)
     check_measurements(foreign, own, {s.photo_id: s.path for s in project.scans.listed}, path)
     turned = check_exteriors(foreign, own, block, path)
     decisions = decisions_of(foreign, own, path.name)

@@ -14,7 +14,7 @@ from core.block import Block, Photo
 from core.errors import ProjectError
 from core.exchange import UPRIGHT_SUFFIX, upright_frame
 from core.formats.exchange import ExchangeBlock, ExchangeMeasurement
-from core.formats.point_axes import SAME_M, told_own
+from core.formats.point_axes import SAME_M
 from core.formats.records import scan_stem
 from core.geometry.exterior import turn_between
 from core.raster.files import FILES
@@ -75,28 +75,40 @@ def on_scans(
     return replace(foreign, measurements=tuple(measured))
 
 
-def without_own(
+def without_known(
     foreign: ExchangeBlock, block: Block | None, path: Path
 ) -> tuple[ExchangeBlock, tuple[str, ...]]:
-    """The points that the block did not find itself, and a word on those that it did.
+    """The points that the block does not have at that very place, and a word on those it has.
+
+    Most formats know neither roles nor standard deviations: a check point that comes back with its
+    measurements must not become control.
 
     Raises:
-        ProjectError: The name of such a point is given to another place.
+        ProjectError: A point that the block found itself is given another place.
     """
     found = {} if block is None else block.surveyed
-    own = [n for n in foreign.points if n in found and found[n].source != "surveyed"]
-    for name in own:
-        away = np.abs(np.array(foreign.points[name].position) - found[name].position).max()
-        if away > SAME_M:
+    known: list[str] = []
+    for name, point in foreign.points.items():
+        ours = found.get(name)
+        if ours is None:
+            continue
+        if np.abs(np.array(point.position) - ours.position).max() <= SAME_M:
+            known.append(name)
+        elif ours.source != "surveyed":
             raise ProjectError(
                 path,
                 say("the block has a point of another kind that is called {name}.", name=name),
                 say("Give the point another name."),
             )
-    if not own:
+    if not known:
         return foreign, ()
-    points = {name: point for name, point in foreign.points.items() if name not in own}
-    return replace(foreign, points=points), (told_own(own),)
+    points = {name: point for name, point in foreign.points.items() if name not in known}
+    told = say(
+        "{count:# point stays|# points stay} as the block has them, such as {name}.",
+        count=len(known),
+        name=known[0],
+    )
+    return replace(foreign, points=points), (told,)
 
 
 def check_measurements(

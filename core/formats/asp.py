@@ -21,6 +21,7 @@ from core.formats.exchange import (
     ExchangePoint,
     FrameCamera,
     from_frame_camera,
+    places_of,
     upright_camera,
 )
 from core.formats.film_rays import numbered
@@ -217,7 +218,7 @@ def write_asp(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
     """
     path.mkdir(parents=True, exist_ok=True)
     block, renamed = in_words(block)
-    earth = map_in_space(map_crs(block.crs, path))
+    earth = map_in_space(map_crs(block.crs, path), near=places_of(block))
     notes: list[str] = [
         *renamed,
         say("Heights are written as they stand, as if above the ellipsoid of WGS 84."),

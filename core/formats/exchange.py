@@ -32,6 +32,7 @@ from core.arrays import (
 )
 from core.errors import ExchangeError
 from core.formats.rotations import Triple
+from core.geometry.crs import PlanePoints
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation
 
 Pair = tuple[float, float]
@@ -203,6 +204,13 @@ class ExchangeBlock:
     def camera_of(self, photo_id: str) -> ExchangeCamera:
         """The camera of a photo that has one."""
         return self.cameras[self.photos[photo_id].camera]
+
+
+def places_of(block: ExchangeBlock) -> PlanePoints:
+    """Eastings and northings of perspective centres and points, (n, 2)."""
+    centres = (p.exterior.centre for p in block.photos.values() if p.exterior is not None)
+    places = [*centres, *(point.position for point in block.points.values())]
+    return np.array(places, dtype=np.float64).reshape(-1, 3)[:, :2]
 
 
 Holds = Literal["film", "frame", "upright", "nothing"]

@@ -394,17 +394,15 @@ def without_own(
             own.append(point.point_id)
         else:
             refused.append(_clashing(row))
-    return new, refused, (told_own(own),) if own else ()
-
-
-def told_own(names: Sequence[str]) -> str:
-    """A word on points of a file that the block found itself, one or more."""
-    return say(
+    if not own:
+        return new, refused, ()
+    evidence = say(
         "{count:# point is the block's own and stays|# points are the block's own and stay} as "
         "found, such as {name}.",
-        count=len(names),
-        name=names[0],
+        count=len(own),
+        name=own[0],
     )
+    return new, refused, (evidence,)
 
 
 def _clashing(row: ReadRow) -> RefusedRow:

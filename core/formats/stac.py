@@ -22,6 +22,7 @@ from core.formats.exchange import (
     ExchangeFormat,
     ExchangePhoto,
     from_frame_camera,
+    places_of,
     upright_camera,
 )
 from core.formats.film_rays import principal_distance_mm
@@ -67,7 +68,7 @@ def write_stac(path: Path, block: ExchangeBlock) -> tuple[str, ...]:
         CrsError: The block does not say its CRS: items lie on the Earth.
     """
     path.mkdir(parents=True, exist_ok=True)
-    earth = map_in_space(map_crs(block.crs, path))
+    earth = map_in_space(map_crs(block.crs, path), near=places_of(block))
     items = [_item(block, photo, earth) for photo in block.photos.values()]
     write_catalog(path, "Archival aerial photos with their orientation", items)
     notes: list[str] = []

@@ -14,7 +14,15 @@ from pyproj.crs import GeographicCRS
 from core.arrays import ObjectPoints, Position, Rotation
 from core.doubts import Doubt
 from core.errors import CrsError
-from core.geometry.crs import Bounds, PlanePoints, horizontal, read_crs, short_name
+from core.geometry.crs import (
+    Bounds,
+    PlanePoints,
+    degrees_of,
+    horizontal,
+    operation_between,
+    read_crs,
+    short_name,
+)
 from core.said import say
 
 # design: curvature of the third order over it is 1e-10; coordinates round at 1e-9 m.
@@ -107,13 +115,23 @@ class MapInSpace:
         return (ends[:3] - ends[3:]).T / (2 * STEP_M)
 
 
-def map_in_space(crs: CRS, datum: CRS | None = None, origin: Origin | None = None) -> MapInSpace:
+def map_in_space(
+    crs: CRS,
+    datum: CRS | None = None,
+    origin: Origin | None = None,
+    near: PlanePoints | None = None,
+) -> MapInSpace:
     """A frame in space.
 
     Args:
         crs: Of the map; projected, metres.
         datum: Geographic CRS in whose datum the frame is; WGS 84 where it is None.
         origin: Where east, north, up are taken; None for geocentric axes.
+        near: Points of the map, about which PROJ's best way between the datums is taken; the origin
+            where nobody gives any. Without both PROJ chooses, a metre beside it for S-JTSK.
+
+    Raises:
+        CrsError: PROJ has no way there.
     """
     datum = datum or CRS.from_epsg(WGS84)
     steps = "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad"
@@ -121,6 +139,12 @@ def map_in_space(crs: CRS, datum: CRS | None = None, origin: Origin | None = Non
     if origin is not None:
         steps += f" +step {_topocentric(datum, origin)}"
     plane = Transformer.from_crs(datum, crs, always_xy=True)
+    place = np.array([origin[:2]]) if origin is not None else None
+    if near is not None:
+        place = degrees_of(crs.to_wkt(), near)
+    if place is not None and np.isfinite(place).any():
+        best = operation_between(datum.to_wkt(), crs.to_wkt(), place, CRS_KEY)
+        plane = Transformer.from_pipeline(best.pipeline)
     return MapInSpace(plane, Transformer.from_pipeline(steps), origin)
 
 

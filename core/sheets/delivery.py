@@ -156,7 +156,8 @@ def write_check_sums(path: Path, folder: Path, files: Sequence[SheetFile]) -> No
 
 def write_items(path: Path, files: Sequence[SheetFile], crs: str) -> None:
     """A STAC item for every sheet, its files as assets, and a catalogue of them."""
-    earth = map_in_space(map_crs(crs, path))
+    near = shapely.get_coordinates([one.area for one in files])
+    earth = map_in_space(map_crs(crs, path), near=near)
     of_sheet: dict[str, list[SheetFile]] = {}
     for one in files:
         of_sheet.setdefault(one.name, []).append(one)

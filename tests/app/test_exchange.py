@@ -200,7 +200,7 @@ def test_measurements_of_film_come_back_into_their_own_block__law(
         out = tmp_path / "out"
         export_block(session, report.block, report, name, out, pictures=False, progress=SILENT)
     taken = usable_part(project, name, out, report.block)
-    # Points that the block found itself stay its own.
+    # What is where the block has it stays so: no check point becomes control.
     assert not [one for one in taken.decisions if isinstance(one, BringPoints)]
     places = [one for one in taken.decisions if isinstance(one, Place)]
     assert len(places) == sum(m.used for m in report.block.measurements.values())
