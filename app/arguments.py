@@ -126,8 +126,9 @@ def add_import(verb: Parser) -> None:
         "--from", dest="source", nargs=2, required=True, metavar=("FORMAT", "PATH"), help=what
     )
     answered = (
-        "how a table of points is to be read, as its questions name it, such as "
-        "columns=id,Y,X,Z or axes='-E -N'; again for each"
+        "how a list is to be read, such as columns=id,Y,X,Z, axes='-E -N' or sigma_xy=0.02 of "
+        "points, columns=scan,,X,Y,Z of orientations, origin=middle or sigma=0.3 of measurements; "
+        "again for each"
     )
     verb.add_option("--answer WHAT=VALUE", answered, action="append", default=[])
     add_operator(verb)
@@ -270,10 +271,14 @@ def wrong_use(given: argparse.Namespace) -> str:
         wrong = "--from {name} is no format; it is one of {names}"
         return say(wrong, name=source[0], names=imported_formats())
     if answers := getattr(given, "answer", ()):
-        from app.bring_points import reading_of
+        from app.answers import check_answers
+        from app.bring_points import POINT_TABLE, reading_of
 
         try:
-            reading_of(answers)
+            if source and source[0] != POINT_TABLE:
+                check_answers(source[0], answers)
+            else:
+                reading_of(answers)
         except ProjectError as error:
             return error.told
     if lesson := getattr(given, "lesson", ""):

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
+from app.answers import named_columns, parted, positive
 from app.project import Project
 from core.block import Block
 from core.control.stage import ControlFound
-from core.errors import ProjectError
 from core.formats.listed_point import QUANTITIES, ListedPoint, PointList, PointListReading, Quantity
 from core.formats.point_axes import Heights, Surroundings
 from core.formats.point_list import read_point_list
@@ -25,8 +25,10 @@ Ground = Callable[[PlanePoints], Heights]
 POINT_TABLE = "points"
 """What `gruber import --from` calls any table of surveyed points."""
 ANSWERS = ("encoding", "delimiter", "decimal", "columns", "axes", "crs", "role", "duplicates",
-           "outside", "heights", "refused")  # fmt: skip
-"""Fields of `PointListReading` that a word settles."""
+           "outside", "heights", "refused", "sigma_xy", "sigma_Z")  # fmt: skip
+"""What a word settles: fields of `PointListReading`, and accuracies of rows that say none."""
+SIGMA_FIELDS = {"sigma_xy": "sigma_plan_m", "sigma_Z": "sigma_height_m"}
+"""The fields of these accuracies, metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,27 +124,12 @@ def reading_of(answers: Sequence[str]) -> PointListReading:
     """
     reading = PointListReading()
     for answer in answers:
-        name, said, value = answer.partition("=")
-        if not said or name not in ANSWERS:
-            raise ProjectError(
-                "--answer",
-                "{answer!r} answers nothing.",
-                "Write one of {names}, an equals sign and the answer.",
-                answer=answer,
-                names=list(ANSWERS),
-            )
+        name, value = parted(answer, ANSWERS)
         if name == "columns":
-            columns = tuple(part.strip() for part in value.split(","))
-            wrong = [column for column in columns if column not in QUANTITIES]
-            if wrong:
-                raise ProjectError(
-                    "--answer",
-                    "{wrong!r} is no column.",
-                    "Name them in their order, of {names}.",
-                    wrong=wrong[0],
-                    names=list(QUANTITIES),
-                )
-            reading = replace(reading, columns=cast("tuple[Quantity, ...]", columns))
+            columns = cast("tuple[Quantity, ...]", named_columns(value, QUANTITIES))
+            reading = replace(reading, columns=columns)
+        elif name in SIGMA_FIELDS:
+            reading = replace(reading, **{SIGMA_FIELDS[name]: positive(name, value)})
         else:
             reading = replace(reading, **{name: value})
     return reading

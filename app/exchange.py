@@ -1,7 +1,7 @@
 """`gruber export` and `gruber import`: write a block for other programs, read their files."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -9,7 +9,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from app.block_writing import with_values
+from app.answers import eo_heads, measurement_reading
+from app.bring_measurements import measured_part, point_names
 from app.bring_points import (
     POINT_TABLE,
     OpenQuestionsError,
@@ -17,6 +18,14 @@ from app.bring_points import (
     known_block,
     reading_of,
     told_lines,
+)
+from app.brought_lists import (
+    Brought,
+    TakenOver,
+    known_photos,
+    no_scan_of_it,
+    write_keys,
+    write_lists,
 )
 from app.exchange_checks import (
     check_exteriors,
@@ -27,7 +36,7 @@ from app.exchange_checks import (
 from app.project import Project
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import HAND_SIGMA_PX, Block
-from core.errors import CrsError, ProjectError, StorageError
+from core.errors import CrsError, StorageError
 from core.exchange import (
     UPRIGHT_SUFFIX,
     fit_to_format,
@@ -35,7 +44,7 @@ from core.exchange import (
     upright_frame,
     upright_photos,
 )
-from core.formats.eo_format import EO_READERS, write_eo_block
+from core.formats.eo_format import EO_READERS
 from core.formats.exchange import (
     ExchangeBlock,
     ExchangeFormat,
@@ -45,10 +54,8 @@ from core.formats.exchange import (
 )
 from core.formats.exchange_formats import FORMATS
 from core.formats.listed_point import USUAL_SIGMA_M, ListedPoint
-from core.formats.micmac_points import image_measures_name, write_image_measures
-from core.formats.records import one_word, scan_stem
+from core.formats.measurement_list import MEASUREMENTS
 from core.formats.tangent_frame import in_tangent_frame
-from core.formats.tie_list import write_ties
 from core.geometry.crs import operation_between, read_crs
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation, rotation_from_angles
 from core.progress import Part, Progress
@@ -59,8 +66,6 @@ from sessions.decisions import BringPoints, Decision, Place
 from sessions.disk import explain_disk_errors
 from sessions.session import Session
 
-BROUGHT = "brought"
-"""Folder of the block into which foreign lists are put in our own form."""
 EXPORTS = "export"
 """Folder of the results for what goes out."""
 PLAIN_EO = "eo"
@@ -227,28 +232,6 @@ def _known(block: Block) -> ExchangeBlock:
     return replace(known, photos=photos)
 
 
-@dataclass(frozen=True, slots=True)
-class Brought:
-    """What an import took over."""
-
-    counts: Mapping[str, int]
-    """How many of what: `points`, `measurements`, `exteriors`, `fiducials`."""
-    notes: tuple[str, ...]
-    """What was left out, a sentence each."""
-
-
-@dataclass(frozen=True, slots=True)
-class TakenOver:
-    """What of a foreign file this block can use, before anything of it is written."""
-
-    decisions: tuple[Decision, ...]
-    """Points and measurements, undone at once."""
-    write: Callable[[], None]
-    """Puts exterior orientations and fiducials into the block's folder, named in `block.toml`."""
-    brought: Brought
-    """What to tell the user."""
-
-
 def bring_file(
     project: Project, session: Session, name: str, path: Path, answers: Sequence[str] = ()
 ) -> Brought:
@@ -266,7 +249,7 @@ def bring_file(
         PhotogrammetryError: The file cannot be used.
     """
     if name != POINT_TABLE:
-        return import_into(project, session, name, path)
+        return import_into(project, session, name, path, answers)
     brought = bring_points(project, session, path, reading_of(answers))
     told = tuple(told_lines(brought))
     if brought.found.questions:
@@ -274,16 +257,28 @@ def bring_file(
     return Brought({"points": len(brought.found.points)}, told)
 
 
-def import_into(project: Project, session: Session, name: str, path: Path) -> Brought:
-    """Take over from a foreign file what this block can use; raises as `taken_over`."""
-    taken = usable_part(project, name, path, known_block(project, session))
+def import_into(
+    project: Project, session: Session, name: str, path: Path, answers: Sequence[str] = ()
+) -> Brought:
+    """Take over from a foreign file what this block can use; raises as `usable_part`.
+
+    `answers` say how a list is to be read, such as `columns=scan,X,Y,Z`.
+    """
+    if name == MEASUREMENTS.name:
+        known_points = point_names(project, session)
+        taken = measured_part(project, path, known_points, measurement_reading(answers))
+    else:
+        block = known_block(project, session)
+        taken = usable_part(project, name, path, block, eo_heads(name, answers))
     taken.write()
     if taken.decisions:
         session.record_all(taken.decisions)
     return taken.brought
 
 
-def usable_part(project: Project, name: str, path: Path, block: Block | None) -> TakenOver:
+def usable_part(
+    project: Project, name: str, path: Path, block: Block | None, heads: Sequence[str] = ()
+) -> TakenOver:
     """What of a foreign file a block can use.
 
     Args:
@@ -292,6 +287,7 @@ def usable_part(project: Project, name: str, path: Path, block: Block | None) ->
         path: The file or folder.
         block: The block as far as it was run, by which orientations and pixels are judged; None
             where nothing places its photos yet.
+        heads: Columns of a list of orientations, where somebody said them.
 
     Raises:
         PhotogrammetryError: The file cannot be read, is in a CRS that cannot be brought into the
@@ -300,19 +296,13 @@ def usable_part(project: Project, name: str, path: Path, block: Block | None) ->
     form = format_named(name, reads=True)
     if name in EO_READERS:
         known = None if block is None else _known(block)
-        form = replace(form, read=partial(EO_READERS[name], known=known))
+        form = replace(form, read=partial(EO_READERS[name], known=known, heads=heads))
     read = read_format(form, path)
     foreign = in_block_crs(read, project.block.crs, path)
     names = {scan.photo_id.lower(): scan.photo_id for scan in project.scans.listed}
-    own = _known_photos(foreign, names)
+    own = known_photos(foreign, names)
     if foreign.photos and not own:
-        raise ProjectError(
-            path,
-            "knows no scan of this block; it names {theirs}.",
-            "The scans of the block are {ours}.",
-            theirs=", ".join(list(foreign.photos)[:3]),
-            ours=", ".join(list(names.values())[:3]),
-        )
+        raise no_scan_of_it(path, foreign, names)
     foreign = on_scans(foreign, own, block, path)
     foreign, kept = without_known(foreign, block, path)
     check_measurements(foreign, own, {s.photo_id: s.path for s in project.scans.listed}, path)
@@ -320,11 +310,8 @@ def usable_part(project: Project, name: str, path: Path, block: Block | None) ->
     decisions = decisions_of(foreign, own, path.name)
 
     def write() -> None:
-        changes = write_lists(project.folder, foreign, own, path, name, ties=ExchangeTies.none())
-        if changes:
-            text = project.file.read_text(encoding="utf-8")
-            with whole_file(project.file) as temporary:
-                temporary.write_text(with_values(text, changes), encoding="utf-8")
+        none = ExchangeTies.none()
+        write_keys(project, write_lists(project.folder, foreign, own, path, name, ties=none))
 
     counts = {
         "points": len(foreign.points),
@@ -383,21 +370,6 @@ def in_block_crs(foreign: ExchangeBlock, crs: str, path: Path) -> ExchangeBlock:
     return replace(foreign, crs=crs, points=points, photos=photos)
 
 
-def _known_photos(foreign: ExchangeBlock, names: Mapping[str, str]) -> dict[str, str]:
-    """Photos of the block by the foreign name."""
-    # Some formats have no blanks in names.
-    names = {one_word(name): ours for name, ours in names.items()} | dict(names)
-    found: dict[str, str] = {}
-    for theirs, photo in foreign.photos.items():
-        for candidate in (theirs, scan_stem(theirs), scan_stem(photo.file)):
-            plain = candidate.lower()
-            ours = names.get(plain) or names.get(plain.removesuffix(UPRIGHT_SUFFIX))
-            if ours is not None:
-                found[theirs] = ours
-                break
-    return found
-
-
 def decisions_of(
     foreign: ExchangeBlock, own: Mapping[str, str], source: str
 ) -> tuple[Decision, ...]:
@@ -417,47 +389,6 @@ def listed(point: ExchangePoint) -> ListedPoint:
     """A foreign point as one of the user's own."""
     sigma = point.sigma_m or (USUAL_SIGMA_M, USUAL_SIGMA_M, USUAL_SIGMA_M)
     return ListedPoint(point.point_id, *point.position, sigma, point.role)
-
-
-def write_lists(
-    folder: Path,
-    foreign: ExchangeBlock,
-    own: Mapping[str, str],
-    path: Path,
-    name: str,
-    *,
-    ties: ExchangeTies,
-) -> dict[tuple[str, str], object]:
-    """Orientations, fiducials and ties as files of the block; the keys of `block.toml` for them."""
-    changes: dict[tuple[str, str], object] = {}
-    if len(ties.point):
-        file = folder / BROUGHT / f"{name}-ties.csv"
-        with whole_file(file) as temporary:
-            write_ties(temporary, ties)
-        changes["scans", "ties"] = file.relative_to(folder).as_posix()
-    oriented = {
-        ours: foreign.photos[theirs]
-        for theirs, ours in own.items()
-        if foreign.photos[theirs].exterior is not None
-    }
-    if oriented:
-        file = folder / BROUGHT / f"{name}-{path.stem}.csv"
-        with whole_file(file) as temporary:
-            listed = {n: replace(p, photo_id=n, file=n) for n, p in oriented.items()}
-            write_eo_block(temporary, ExchangeBlock(photos=listed))
-        changes["scans", "exterior"] = file.relative_to(folder).as_posix()
-    marked = {
-        ours: foreign.photos[theirs]
-        for theirs, ours in own.items()
-        if foreign.photos[theirs].fiducials_px
-    }
-    for photo in marked.values():
-        image = Path(photo.file).name
-        with whole_file(folder / BROUGHT / image_measures_name(image)) as temporary:
-            write_image_measures(temporary, image, photo.fiducials_px)
-    if marked:
-        changes["scans", "fiducial_measures"] = f"{BROUGHT}/{image_measures_name('*')}"
-    return changes
 
 
 def _left_out(foreign: ExchangeBlock, own: Mapping[str, str]) -> tuple[str, ...]:

@@ -7,14 +7,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast, get_args, get_type_hints
 
+from app.bring_measurements import measured_part
 from app.bring_points import POINT_TABLE, Ground, surroundings
+from app.brought_lists import Brought, TakenOver
 from app.desk.messages import Measured
-from app.exchange import Brought, format_names, usable_part
+from app.exchange import format_names, usable_part
 from app.project import read_project
 from core.block import UNKNOWN_M, Block, footprint
 from core.errors import PhotogrammetryError
 from core.formats.exchange_formats import FORMATS
 from core.formats.listed_point import QUANTITIES, PointList, PointListReading
+from core.formats.measurement_list import MEASUREMENTS
 from core.formats.point_axes import AXES
 from core.formats.point_list import read_point_list
 from sessions.decisions import BringPoints
@@ -74,8 +77,7 @@ class DeskPoints:
         """
         if form := _format_of(name, data, reading):
             with _laid_out(name, data, reading) as path:
-                taken = usable_part(read_project(self._folder), form, path, self._now())
-                return self._told(form, taken.brought)
+                return self._told(form, self._usable(form, path).brought)
         block = self._now()
         found = _read(name, data, reading, block, self._ground)
         return {"format": "", **_page_of(found, block)}
@@ -103,12 +105,19 @@ class DeskPoints:
     ) -> dict[str, Any]:
         """Hand in what another program's file brings; orientations count from the next run on."""
         with _laid_out(name, data, reading) as path:
-            taken = usable_part(read_project(self._folder), form, path, self._now())
+            taken = self._usable(form, path)
             taken.write()
         count = sum(taken.brought.counts.values())
         notice = Notice("notice.brought.foreign", {"name": _plain(name), "count": f"{count}"})
         self._hand_in(Measured(seat_id, None, notice, more=taken.decisions))
         return {"brought": count}
+
+    def _usable(self, form: str, path: Path) -> TakenOver:
+        """What of another program's file the block can use."""
+        project, block = read_project(self._folder), self._now()
+        if form == MEASUREMENTS.name:
+            return measured_part(project, path, block.surveyed)
+        return usable_part(project, form, path, block)
 
     @staticmethod
     def _told(form: str, brought: Brought) -> dict[str, Any]:

@@ -4,7 +4,7 @@
 and the others read and write one fixed convention.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -35,7 +35,10 @@ FAR_M = 50_000.0
 
 
 def read_eo_block(
-    path: Path, said: AngleConvention | None = None, known: ExchangeBlock | None = None
+    path: Path,
+    said: AngleConvention | None = None,
+    known: ExchangeBlock | None = None,
+    heads: Sequence[str] = (),
 ) -> ExchangeBlock:
     """The orientations of a list.
 
@@ -45,18 +48,19 @@ def read_eo_block(
         known: What is known of the same photos: measurements of points that have coordinates, or
             approximate orientations. Where neither list nor caller says how angles count, the way
             that fits these is taken, if it is the only one that does.
+        heads: What its columns hold, where somebody said it; see `read_eo_records`.
 
     Raises:
         ProjectError: The list cannot be used, or nothing tells how it counts.
     """
     told = ""
     try:
-        listed = read_eo_records(path, said)
+        listed = read_eo_records(path, said, heads)
     except ProjectError as error:
         if error.remedy != ASKED or known is None:
             raise
-        best, told = fitting_convention(path, known)
-        listed = read_eo_records(path, best)
+        best, told = fitting_convention(path, known, heads)
+        listed = read_eo_records(path, best, heads)
     if known is not None:
         _check_axes(path, listed, known)
         if said is None and not told:
@@ -153,7 +157,9 @@ def _check_axes(path: Path, listed: EoList, known: ExchangeBlock) -> None:
         )
 
 
-def fitting_convention(path: Path, known: ExchangeBlock) -> tuple[AngleConvention, str]:
+def fitting_convention(
+    path: Path, known: ExchangeBlock, heads: Sequence[str] = ()
+) -> tuple[AngleConvention, str]:
     """The one way of counting that agrees with what is known, and a sentence that says how well.
 
     Raises:
@@ -163,7 +169,7 @@ def fitting_convention(path: Path, known: ExchangeBlock) -> tuple[AngleConventio
     refused: ProjectError | None = None
     for convention in CONVENTIONS:
         try:
-            misfit, unit = _misfit(read_eo_block(path, convention), known)
+            misfit, unit = _misfit(read_eo_block(path, convention, heads=heads), known)
         except ProjectError as error:
             refused = error
             continue

@@ -30,6 +30,11 @@ from core.formats.rotations import (
 from core.geometry.exterior import angles_from_rotation
 
 REMEDY = "The list needs the columns scan,X,Y,Z,omega_deg,phi_deg,kappa_deg[,sigma_X, ...]."
+NAMED = (
+    "The list needs the columns scan,X,Y,Z,omega_deg,phi_deg,kappa_deg[,sigma_X, ...]; gruber "
+    "import takes them by --answer columns=... in their order, one empty that is not read."
+)
+"""What to do about a list whose columns are not known."""
 ASKED = (
     "Say it in a comment above the header, such as `# angles: omega-phi-kappa, deg`, or take it in "
     "as eo-opk-deg, eo-opk-gon, eo-opk-rad, eo-pok-deg, eo-pok-gon, eo-pok-rad, eo-ypr-deg, "
@@ -63,6 +68,15 @@ COLUMN_WORDS: Mapping[str, str] = {
     **{f"sigma_{word}": f"sigma_{word}" for word in ("x", "y", "z", "omega", "phi", "kappa")},
 }
 """What a column holds, by the words that programs head it with (in small letters)."""
+
+ANSWERED = (
+    *("scan", "X", "Y", "Z"),
+    *(f"{name}_{unit}" for unit in UNIT_NAMES for name in ("omega", "phi", "kappa")),
+    *(f"{name}_{unit}" for unit in UNIT_NAMES for name in ("yaw", "pitch", "roll")),
+    *("omega", "phi", "kappa", "yaw", "pitch", "roll", "sigma_X", "sigma_Y", "sigma_Z"),
+    *("sigma_omega", "sigma_phi", "sigma_kappa"),
+)
+"""What the columns of a list may be said to hold by whoever reads it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,13 +119,17 @@ def read_eo_list(path: Path) -> Mapping[str, EoRecord]:
     return read_eo_records(path).records
 
 
-def read_eo_records(path: Path, said: AngleConvention | None = None) -> EoList:
+def read_eo_records(
+    path: Path, said: AngleConvention | None = None, heads: Sequence[str] = ()
+) -> EoList:
     """Read a list whose angles count as it says, or as the caller says.
 
     Args:
         path: Text in UTF-8.
         said: How angles count where the list does not say it itself; with it a list may lack a
             header and then holds scan, X, Y, Z and the three angles.
+        heads: What its columns hold, of `ANSWERED`, empty where one is not read; none where its
+            header says it.
 
     Raises:
         ProjectError: As `read_eo_list`; or the list says otherwise than the caller.
@@ -121,15 +139,17 @@ def read_eo_records(path: Path, said: AngleConvention | None = None) -> EoList:
     rows = [(number, text) for number, text in lines if not text.startswith("#")]
     if rows and comments and not _names_scan(rows[0][1]) and _names_scan(comments[-1]):
         rows = [(0, comments.pop().lstrip("# ")), *rows]
-    headed = bool(rows) and _names_scan(rows[0][1])
+    headed = bool(rows) and (_names_scan(rows[0][1]) or (bool(heads) and _is_header(rows[0][1])))
     if len(rows) < 1 + headed:
         raise ProjectError(path, "The list holds no rows.", REMEDY)
     delimiter = _delimiter(rows[0][1])
     if headed:
-        columns = _columns(path, _cells(rows[0][1], delimiter))
+        columns = _columns(path, heads or _cells(rows[0][1], delimiter))
         rows = rows[1:]
         # Some programs part heads by commas and rows by tabs.
         delimiter = delimiter if delimiter in rows[0][1] else _delimiter(rows[0][1])
+    elif heads:
+        columns = _columns(path, heads)
     elif said is not None:
         names = ("scan", "x", "y", "z", *said.order.split("-"))
         columns = _Columns({name: index for index, name in enumerate(names)}, None, None)
@@ -208,6 +228,11 @@ def _names_scan(line: str) -> bool:
     return not any(_is_number(cell) for cell in cells) and bool(words & {"scan", "x", "y", "z"})
 
 
+def _is_header(line: str) -> bool:
+    """Whether no cell of a line is a number."""
+    return not any(_is_number(cell) for cell in _cells(line, _delimiter(line)))
+
+
 def _is_number(cell: str) -> bool:
     return re.fullmatch(r"[+-]?\d+([.,]\d*)?([eE][+-]?\d+)?", cell) is not None
 
@@ -228,6 +253,8 @@ def _columns(path: Path, heads: Sequence[str]) -> _Columns:
     at: dict[str, int] = {}
     units: dict[str, AngleUnit | None] = {}
     for index, head in enumerate(heads):
+        if not head:
+            continue
         name, unit = _word(head)
         # Two columns may be names (an id and a label): the later one is nearer to a file's name.
         if name in at and name != "scan":
@@ -238,7 +265,7 @@ def _columns(path: Path, heads: Sequence[str]) -> _Columns:
     for needed in ("scan", "x", "y", "z"):
         if needed not in at:
             shown = needed if needed == "scan" else needed.upper()
-            raise ProjectError(path, "The column {missing} is missing.", REMEDY, missing=shown)
+            raise ProjectError(path, "The column {missing} is missing.", NAMED, missing=shown)
     given: set[AngleUnit] = {unit for unit in units.values() if unit is not None}
     if len(given) > 1:
         raise ProjectError(

@@ -12,6 +12,7 @@ from core.formats.exchange import ExchangeFormat
 from core.formats.geojson import GEOJSON_FORMAT
 from core.formats.ign_opk import OPK_FORMAT
 from core.formats.inpho import INPHO_FORMAT
+from core.formats.measurement_list import MEASUREMENTS
 from core.formats.metashape import METASHAPE
 from core.formats.micmac import MICMAC
 from core.formats.mmvii import MMVII
@@ -43,6 +44,7 @@ FORMATS: Mapping[str, ExchangeFormat] = {
         ARCGIS_FORMAT,
         *POINT_FORMATS,
         PIX4D_POINTS,
+        MEASUREMENTS,
         GEOJSON_FORMAT,
         FOOTPRINTS_FORMAT,
         STAC_FORMAT,

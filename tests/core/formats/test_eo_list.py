@@ -291,3 +291,16 @@ def test_orientations_of_erdas_give_its_residuals__real(shared_data: Path) -> No
         # Single precision of the block file.
         expected = published[one.point_id, one.photo_id]
         np.testing.assert_allclose(pixel - [one.column, one.row], expected, atol=1e-3)
+
+
+def test_columns_of_a_list_may_be_said__truth(tmp_path: Path) -> None:
+    path = tmp_path / "eo.csv"
+    path.write_text("image,n,X0,X1,Y1,Z1,w,p,k\na,9,0,1,2,3,0.1,0.2,0.3\n")
+    with pytest.raises(ProjectError, match="--answer columns"):
+        read_eo_list(path)
+    heads = ("scan", "", "", "X", "Y", "Z", "omega_rad", "phi_rad", "kappa_rad")
+    record = read_eo_records(path, heads=heads).records["a"]
+    assert record.centre == (1.0, 2.0, 3.0)
+    assert record.angles == (0.1, 0.2, 0.3)
+    path.write_text("a,9,0,1,2,3,0.1,0.2,0.3\n")
+    assert read_eo_records(path, heads=heads).records["a"] == record

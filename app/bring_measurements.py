@@ -1,0 +1,241 @@
+"""Import lists of image measurements: points, tie points and fiducials, all of a list or none.
+
+A measurement of a point that the block knows is a decision. All other points become tie points,
+and fiducials those of their scans.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+
+from app.bring_points import brought_points, known_block
+from app.brought_lists import (
+    Brought,
+    TakenOver,
+    known_photos,
+    no_scan_of_it,
+    write_keys,
+    write_lists,
+)
+from app.project import ListedScan, Project, listed_points
+from core.block import HAND_SIGMA_PX
+from core.exchange import UPRIGHT_SUFFIX
+from core.formats.exchange import ExchangeBlock, ExchangePhoto, ExchangeTies, Pair
+from core.formats.measurement_list import (
+    AS_WRITTEN,
+    MEASUREMENTS,
+    MeasuredRow,
+    MeasurementReading,
+    read_measurement_list,
+    ties_of_rows,
+)
+from core.formats.records import scan_stem
+from core.raster.files import FILES
+from core.said import say
+from sessions.decisions import Decision, Place
+from sessions.session import Session
+
+
+def point_names(project: Project, session: Session) -> frozenset[str]:
+    """Points whose measurements are decisions: those listed, brought, clicked or proposed."""
+    block = known_block(project, session)
+    listed = listed_points(project.control.points, project.block.crs)
+    names = {point.point_id for point in (*listed, *brought_points(session))}
+    return frozenset(names | set(() if block is None else block.surveyed))
+
+
+def measured_part(
+    project: Project,
+    path: Path,
+    known_points: Collection[str],
+    reading: MeasurementReading = AS_WRITTEN,
+) -> TakenOver:
+    """What of a list of measurements a block can use.
+
+    Args:
+        project: The block.
+        path: The list.
+        known_points: Points whose measurements are decisions.
+        reading: How it is to be read.
+
+    Raises:
+        ProjectError: The list cannot be read, knows no scan of the block, measures outside a scan,
+            or names a fiducial that its camera does not have.
+    """
+    found = read_measurement_list(path, reading)
+    scans = {scan.photo_id: scan for scan in project.scans.listed}
+    files = {row.scan: ExchangePhoto(row.scan, row.scan) for row in found.rows}
+    foreign = ExchangeBlock(photos=files)
+    names = {photo_id.lower(): photo_id for photo_id in scans}
+    own = {t: o for t, o in known_photos(foreign, names).items() if not _is_upright(t, o)}
+    if not own:
+        raise no_scan_of_it(path, foreign, names)
+    rows = [row for row in found.rows if row.scan in own]
+    _check_inside(rows, own, scans)
+    notes = list(_notes(found.unused, [scan for scan in files if scan not in own], reading))
+    if found.fiducials:
+        _check_certified(project, rows, own, scans)
+        return _marks(project, path, rows, own, notes)
+    return _points(project, path, rows, own, known_points, notes)
+
+
+def _is_upright(theirs: str, ours: str) -> bool:
+    """Whether a name is that of a scan laid upright, whose pixels are others."""
+    stem = scan_stem(theirs)
+    return stem.endswith(UPRIGHT_SUFFIX) and not ours.endswith(UPRIGHT_SUFFIX)
+
+
+def _notes(unused: int, strange: Sequence[str], reading: MeasurementReading) -> list[str]:
+    """What of a list is left out, and where its pixels were taken to count from."""
+    notes: list[str] = []
+    if reading.origin == "corner":
+        notes.append(
+            say(
+                "Pixels are taken to count from the outer corner of the first pixel; if they count "
+                "from its middle, import again with --answer origin=middle."
+            )
+        )
+    if unused:
+        notes.append(
+            say("{count:# row is|# rows are} not used by the list itself: left out.", count=unused)
+        )
+    if strange:
+        notes.append(
+            say(
+                "{count:# photo is|# photos are} no scan of this block: {names}.",
+                count=len(strange),
+                names=strange[:5],
+            )
+        )
+    return notes
+
+
+def _check_inside(
+    rows: Sequence[MeasuredRow], own: Mapping[str, str], scans: Mapping[str, ListedScan]
+) -> None:
+    """Refuse places that their scan does not have."""
+    sizes: dict[str, tuple[int, int]] = {}
+    for row in rows:
+        photo_id = own[row.scan]
+        if photo_id not in sizes:
+            with FILES.borrow(scans[photo_id].path) as dataset:
+                sizes[photo_id] = dataset.width, dataset.height
+        columns, lines = sizes[photo_id]
+        if not (0 <= row.column <= columns and 0 <= row.line <= lines):
+            raise row.row.refused(
+                "Line {number}: column {column:g}, row {row:g} is outside scan {scan} of "
+                "{columns} x {rows} pixels.",
+                "Columns count to the right and rows down, in pixels of the scan as it is.",
+                column=row.column,
+                row=row.line,
+                scan=photo_id,
+                columns=columns,
+                rows=lines,
+            )
+
+
+def _check_certified(
+    project: Project,
+    rows: Sequence[MeasuredRow],
+    own: Mapping[str, str],
+    scans: Mapping[str, ListedScan],
+) -> None:
+    """Refuse names that the certificate of a scan's camera does not have."""
+    for row in rows:
+        name = scans[own[row.scan]].camera
+        certified = project.cameras[name].fiducials_mm
+        if row.name not in certified:
+            raise row.row.refused(
+                "Line {number}: camera {camera} has no fiducial {name}.",
+                "Name the fiducials in the list as in fiducials_mm of the camera: {names}.",
+                camera=name,
+                name=row.name,
+                names=list(certified),
+            )
+
+
+def _marks(
+    project: Project,
+    path: Path,
+    rows: Sequence[MeasuredRow],
+    own: Mapping[str, str],
+    notes: Sequence[str],
+) -> TakenOver:
+    """Fiducials as files of the block."""
+    paths = {scan.photo_id: scan.path for scan in project.scans.listed}
+    marks: dict[str, dict[str, Pair]] = {}
+    for row in rows:
+        marks.setdefault(own[row.scan], {})[row.name] = row.column, row.line
+    photos = {n: ExchangePhoto(n, paths[n].name, fiducials_px=m) for n, m in marks.items()}
+
+    def write() -> None:
+        foreign, same = ExchangeBlock(photos=photos), {name: name for name in photos}
+        none = ExchangeTies.none()
+        keys = write_lists(project.folder, foreign, same, path, MEASUREMENTS.name, ties=none)
+        write_keys(project, keys)
+
+    return TakenOver((), write, Brought({"fiducials": len(photos)}, tuple(notes)))
+
+
+def _points(
+    project: Project,
+    path: Path,
+    rows: Sequence[MeasuredRow],
+    own: Mapping[str, str],
+    known_points: Collection[str],
+    notes: Sequence[str],
+) -> TakenOver:
+    """Measurements of known points as decisions, all others as tie points."""
+    decisions: tuple[Decision, ...] = tuple(
+        Place(row.name, own[row.scan], row.column, row.line, _sigma_px(row))
+        for row in rows
+        if row.name in known_points
+    )
+    loose = [row for row in rows if row.name not in known_points]
+    ties = ties_of_rows(loose, lambda scan: own[scan])
+    told = [*notes, *_of_ties(project, loose, ties, known_points)]
+
+    def write() -> None:
+        none = ExchangeBlock()
+        keys = write_lists(project.folder, none, {}, path, MEASUREMENTS.name, ties=ties)
+        write_keys(project, keys)
+
+    counts = {"measurements": len(decisions), "ties": len(ties.names)}
+    kept = {what: count for what, count in counts.items() if count}
+    return TakenOver(decisions, write, Brought(kept, tuple(told)))
+
+
+def _sigma_px(row: MeasuredRow) -> float:
+    """Standard deviation of a measurement, that of a hand where nobody says it."""
+    return row.sigma_px if row.sigma_px > 0 else HAND_SIGMA_PX
+
+
+def _of_ties(
+    project: Project,
+    loose: Sequence[MeasuredRow],
+    ties: ExchangeTies,
+    known_points: Collection[str],
+) -> list[str]:
+    """What is to be known of points that became ties."""
+    notes: list[str] = []
+    alone = {row.name for row in loose} - set(ties.names)
+    if alone:
+        notes.append(
+            say(
+                "{count:# point is|# points are} measured in one scan alone and not known to the "
+                "block: left out ({names}).",
+                count=len(alone),
+                names=sorted(alone)[:5],
+            )
+        )
+    if len(ties.names) and not known_points:
+        notes.append(
+            say(
+                "The block has no surveyed points yet, so all of these are tie points. If some are "
+                "surveyed, import their coordinates, then this list again."
+            )
+        )
+    if len(ties.names) and project.scans.ties is not None:
+        notes.append(
+            say("They take the place of the tie points of {file}.", file=project.scans.ties.name)
+        )
+    return notes
