@@ -36,6 +36,8 @@ def add_new(verb: Parser) -> None:
     verb.add_option("--from FORMAT", project, dest="format", choices=formats(True), default="")
     verb.add_option("--project PATH", "file or folder of that project (FOLDER)", type=Path)
     verb.add_option("--crs CRS", "its CRS, where the project names none", default="")
+    sizes = "a list of scans (scan, columns, rows) that have no pictures: stand-ins are made"
+    verb.add_option("--without-pictures LIST", sizes, type=Path, dest="sizes")
     verb.add_switch("--read-margin", "say what is printed beside the pictures")
     accepted = "the same, and write into block.toml on what all scans agree"
     verb.add_switch("--accept-margin", accepted)

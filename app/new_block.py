@@ -220,11 +220,21 @@ def write_block_toml(
         ProjectError: There is a `block.toml` already; it is left as it is.
     """
     target = path or recognition.folder / FILE
-    if target.exists():
-        raise ProjectError(target, "is there already.", "Edit it, or rename it and start again.")
+    refuse_second(target)
     with whole_file(target) as temporary:
         temporary.write_text(toml_of(recognition, accepted), encoding="utf-8")
     return target
+
+
+def refuse_second(path: Path) -> None:
+    """Refuse a folder that has a `block.toml`, or such a file itself.
+
+    Raises:
+        ProjectError: It is there.
+    """
+    target = path / FILE if path.is_dir() else path
+    if target.exists():
+        raise ProjectError(target, "is there already.", "Edit it, or rename it and start again.")
 
 
 def toml_of(found: Recognition, accepted: Mapping[str, Any] = MappingProxyType({})) -> str:

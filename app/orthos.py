@@ -2,10 +2,12 @@
 
 from app.project import Project
 from app.surface import chosen_ground, usable_parts
-from core.block import Block
+from core.block import Block, Photo
+from core.errors import ScanError
 from core.orthos.rectification import OrthoProduct, rectify_photo
 from core.progress import Part, Progress
 from core.raster.dem import Dem
+from core.raster.stand_in import NO_PICTURES, is_stand_in
 from sessions.atomic_write import whole_file
 from sessions.checks import keep_version
 from sessions.session import Session
@@ -23,7 +25,7 @@ def make_orthos(
     anew: bool = False,
     only: frozenset[str] | None = None,
 ) -> list[OrthoProduct]:
-    """Orthos of all oriented photos; those that are fresh stay as they are.
+    """Orthos of all oriented photos; those that are fresh stay as they are; raises as `pictured`.
 
     Those of photos that no longer take part are removed.
 
@@ -37,7 +39,7 @@ def make_orthos(
         only: Make no others than these; the rest stays as it is on disk.
     """
     digest_of = session.products.digest_of
-    photos = [photo for photo in block.photos.values() if photo.oriented]
+    photos = pictured(block)
     gsd = project.ortho.gsd_m or default_gsd_m(block)
     usable = usable_parts(session)
     heights, corrections = chosen_ground(session, project, dem, block.search_bounds)
@@ -74,6 +76,19 @@ def make_orthos(
     if only is None:
         _remove_others(session, {photo.photo_id for photo in photos})
     return orthos
+
+
+def pictured(block: Block) -> list[Photo]:
+    """The oriented photos whose scan has a picture.
+
+    Raises:
+        ScanError: Photos are oriented, and none has one.
+    """
+    oriented = [photo for photo in block.photos.values() if photo.oriented]
+    photos = [photo for photo in oriented if not is_stand_in(photo.scan)]
+    if oriented and not photos:
+        raise ScanError(oriented[0].scan, "is a stand-in without picture.", NO_PICTURES)
+    return photos
 
 
 def _remove_others(session: Session, names: set[str]) -> None:

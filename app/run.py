@@ -25,6 +25,7 @@ from app.settings import Threads
 from app.sheets import PRODUCT as SHEETS
 from app.sheets import check_sheets, make_sheets, sheets_line
 from app.stage_lines import STAGE_LINES, adjusted_line
+from app.stand_ins import has_pictures, write_adjusted
 from app.surface import make_block_surface, make_ground, surface_line
 from app.terminal import Interruption, Voice, interruptible
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
@@ -43,6 +44,7 @@ from core.progress import Part, Progress, Work
 from core.quality.rules import human_findings
 from core.raster.dem import Dem
 from core.raster.ortho import open_ortho
+from core.raster.stand_in import NO_PICTURES
 from core.results import BlockInput, StageResults
 from core.said import say
 from core.scans.stage import ScanSet
@@ -138,9 +140,9 @@ class Run:
                     self.step(name)
                     if name == self.options.last and not self.again(name):
                         break
-                    if name == "adjustment" and not self.stands:
-                        self.ended_early = NOTHING_STANDS
-                        self.voice.ended_early(NOTHING_STANDS)
+                    if name == "adjustment" and (why := self.end_of_walk()):
+                        self.ended_early = why
+                        self.voice.ended_early(why)
                         break
             except (KeyboardInterrupt, Cancelled):
                 waits = False
@@ -285,6 +287,15 @@ class Run:
     def stands(self) -> bool:
         """Whether any photo is oriented."""
         return any(photo.oriented for photo in self.adjusted.block.photos.values())
+
+    def end_of_walk(self) -> str:
+        """Why the walk ends with the adjustment, whose tables are then written; else empty."""
+        if not self.stands:
+            return NOTHING_STANDS
+        if has_pictures(self.adjusted.block):
+            return ""
+        write_adjusted(self.session, self.project, self.adjusted, self.dem())
+        return NO_PICTURES
 
     def dem(self) -> Dem:
         """Heights under the block, held in memory."""

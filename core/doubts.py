@@ -51,6 +51,7 @@ GRAVITY: Mapping[str, float] = {
     "fiducials-scale": 0.3,
     "georeference-missing": 0.3,
     "no-ortho": 0.3,
+    "no-picture": 0.3,
     "polygons-elsewhere": 0.3,
     "reference-not-compared": 0.3,
     "roads-empty": 0.3,

@@ -6,12 +6,17 @@ from pathlib import Path
 
 from app.foreign_block import new_from
 from app.margin import ReadScan, accepted_values, margin_reader, read_scan
-from app.new_block import Recognition, recognise, write_block_toml
+from app.new_block import Recognition, recognise, refuse_second, write_block_toml
+from app.stand_ins import make_stand_ins
 from app.terminal import Voice
 
 
 def new(given: argparse.Namespace, voice: Voice) -> None:
     """Write the `block.toml` of a folder, and say what was recognised and what was not."""
+    if given.sizes:
+        refuse_second(given.folder)
+        count = make_stand_ins(given.folder, given.sizes)
+        voice.say(voice.tell("new.stand-ins", count=count))
     if given.format:
         made = new_from(given.folder, given.format, given.project, given.crs, given.operator)
         voice.say(voice.tell("new.written", file=made.file))

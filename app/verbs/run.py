@@ -9,7 +9,7 @@ from pathlib import Path
 from app.batch import Batch, BlockTask, listed, run_block
 from app.project import read_project
 from app.report.against import against_told
-from app.run import NOTHING_STANDS, PAGE, RunOptions
+from app.run import PAGE, RunOptions
 from app.terminal import Voice
 from core.errors import OrientationError
 from ui.words.catalogue import Teller
@@ -36,12 +36,12 @@ def report(given: argparse.Namespace, voice: Voice) -> None:
     """The accuracy report of the block as it stands; what is not fresh is computed first.
 
     Raises:
-        OrientationError: No photo is oriented, so there is nothing to report.
+        OrientationError: No photo is oriented, or none has a picture: there is nothing to report.
     """
     walk = run_block(given.block, voice, replace(run_options(given), against=given.against))
     page = walk.session.results / PAGE
-    if not walk.stands:
-        raise OrientationError(page, "was not written.", NOTHING_STANDS)
+    if walk.ended_early:
+        raise OrientationError(page, "was not written.", walk.ended_early)
     voice.say(str(page))
     figures = walk.session.results / "report.json"
     for line in (*signed_lines(figures, voice.tell), *against_lines(figures, voice.tell)):

@@ -12,6 +12,7 @@ from core.geometry.camera import Camera
 from core.geometry.drawn_mask import DrawnMask
 from core.geometry.interior import InteriorOrientation, nominal_interior
 from core.raster.scan_file import ScanFile, UsableArea, check_fits_camera, open_scan, photo_id_of
+from core.raster.stand_in import is_stand_in
 from core.said import say
 from core.scans.fiducials import (
     fiducials_by_hand,
@@ -40,6 +41,7 @@ from core.scans.naming import UPRIGHT, Way, ways_of_strip
 from core.scans.photo_mask import find_usable_area, with_drawn
 from core.scans.repeated import with_repeated
 from core.scans.scan_pairs import Look, look_of
+from core.scans.without_picture import interior_without_picture, nothing_usable
 
 Marks = Mapping[str, tuple[float, float]]
 """Column and row by the name of a mark."""
@@ -89,6 +91,8 @@ class ScanOrientation:
 
     def usable(self, reduction: int = MOST_PIXELS) -> UsableArea:
         """What of the scan is photograph, in cells of so many pixels a side."""
+        if is_stand_in(self.scan.path):
+            return nothing_usable(self.scan)
         marks = [mark.place for mark in self.fiducials]
         pixel_mm = self.interior.pixel_size_mm
         return find_usable_area(self.scan, self.area, pixel_mm, marks, reduction)
@@ -120,10 +124,13 @@ def orient_scan(
         by_hand: Fiducials that somebody measured (column, row); nothing is looked for then.
 
     Raises:
-        ScanError: The file cannot be used, is blank, or does not fit the camera.
+        ScanError: The file cannot be used, is blank, or does not fit the camera; it is a stand-in
+            without picture, and its fiducials are not known.
     """
     scan = open_scan(path)
     pixel_mm = scan_pixel_um / 1000
+    if is_stand_in(path):
+        return _without_picture(scan, camera, pixel_mm, by_hand or {})
     if camera.digital:
         return _digital(scan, camera, pixel_mm)
     check_fits_camera(scan, camera, pixel_mm, page=True)
@@ -141,6 +148,18 @@ def orient_scan(
     return ScanOrientation(
         photo_id, scan, interior, measured.marks, _area(area, interior, camera),
         (*measured.doubts, doubt), strip=strip, look=look_of(scan, area),
+    )  # fmt: skip
+
+
+def _without_picture(
+    scan: ScanFile, camera: Camera, pixel_mm: float, by_hand: Marks
+) -> ScanOrientation:
+    """A scan whose picture nobody has, on the fiducials that were measured in it."""
+    check_fits_camera(scan, camera, pixel_mm)
+    interior, measured = interior_without_picture(scan, camera, pixel_mm, by_hand)
+    return ScanOrientation(
+        photo_id_of(scan.path), scan, interior, measured.marks,
+        area_from_interior(interior, camera), measured.doubts, measured.way,
     )  # fmt: skip
 
 

@@ -77,7 +77,7 @@ def orient_scans(
     masked = work.mapper(ScanOrientation.masked, oriented.values())
     oriented = dict(zip(oriented, masked, strict=True))
     doubts += [doubt for result in oriented.values() for doubt in result.doubts]
-    doubts += same_photo({name: scan.look for name, scan in oriented.items()})
+    doubts += same_photo({name: scan.look for name, scan in oriented.items() if scan.look.size})
     doubts += [Doubt("scan-set-aside", name, error.told) for name, error in failed.items()]
     reasons = {name: error.told for name, error in failed.items()}
     return ScanSet(dict(sorted(oriented.items())), reasons, tuple(doubts), cameras)

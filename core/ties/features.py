@@ -89,6 +89,13 @@ class Features:
             object.__setattr__(self, name, locked(getattr(self, name)))
         object.__setattr__(self, "descriptors", locked(self.descriptors, np.uint8))
 
+    @staticmethod
+    def none(size_px: tuple[int, int]) -> "Features":
+        """No features, of a scan without picture."""
+        no_number, no_place = np.zeros(0), np.zeros((0, 2))
+        descriptors = np.zeros((0, 128), dtype=np.uint8)
+        return Features(size_px, 1, no_place, no_number, no_number, descriptors)
+
     def chosen(self, which: Any) -> "Features":
         """Some of them, by index or by flag."""
         return Features(

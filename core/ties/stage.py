@@ -12,6 +12,7 @@ from core.formats.tie_list import read_ties
 from core.geometry.exterior import ExteriorOrientation
 from core.progress import Progress, Work, tracked
 from core.raster.scan_file import open_scan
+from core.raster.stand_in import is_stand_in
 from core.ties.chains import PairKey, chain_matches, drop_contradicted, with_rays
 from core.ties.features import FeatureOptions, Features, Usable, detect_features, picture_area
 from core.ties.fine_matching import GivenTies, PairGeometry
@@ -103,6 +104,8 @@ def detect_block_features(
 
     def detected(name: str) -> Features:
         photo = block.photos[name]
+        if is_stand_in(photo.scan):
+            return Features.none(photo.size_px)
         area = usable.get(name) or picture_area(photo, block.camera_of(name))
         return detect_features(open_scan(photo.scan), area, options.features)
 
