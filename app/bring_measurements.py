@@ -29,7 +29,7 @@ from core.formats.measurement_list import (
     ties_of_rows,
 )
 from core.formats.records import scan_stem
-from core.raster.files import FILES
+from core.raster.scan_pixels import open_dataset
 from core.said import say
 from sessions.decisions import Decision, Place
 from sessions.session import Session
@@ -60,6 +60,7 @@ def measured_part(
     Raises:
         ProjectError: The list cannot be read, knows no scan of the block, measures outside a scan,
             or names a fiducial that its camera does not have.
+        ScanError: A scan cannot be opened.
     """
     found = read_measurement_list(path, reading)
     scans = {scan.photo_id: scan for scan in project.scans.listed}
@@ -117,7 +118,7 @@ def _check_inside(
     for row in rows:
         photo_id = own[row.scan]
         if photo_id not in sizes:
-            with FILES.borrow(scans[photo_id].path) as dataset:
+            with open_dataset(scans[photo_id].path) as dataset:
                 sizes[photo_id] = dataset.width, dataset.height
         columns, lines = sizes[photo_id]
         if not (0 <= row.column <= columns and 0 <= row.line <= lines):

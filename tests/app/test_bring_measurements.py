@@ -1,19 +1,24 @@
 """Lists of measurements become decisions, tie points and fiducials, whole or not at all."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from app.bring_measurements import measured_part
+from app.desk.listed_points import DeskPoints
+from app.desk.messages import Measured
 from app.exchange import import_into
 from app.project import read_project
 from core.block import HAND_SIGMA_PX
 from core.errors import ProjectError
+from core.exchange import UPRIGHT_SUFFIX
 from core.formats.micmac_points import read_image_measures
 from core.formats.tie_list import read_ties
 from sessions.decisions import Place, standing
 from sessions.session import Session
 from tests.journeys.copies import BlockCopy, copied
+from tests.ui.desk_block import tiny_block as tiny_flight
 
 POINTS = '[control]\npoints = "points.csv"\n'
 
@@ -116,7 +121,29 @@ def test_fiducials_come_in_by_their_certified_names__truth(block: BlockCopy) -> 
         measured_part(project, wrong, ())
 
 
+def test_pixels_of_scans_laid_upright_are_not_those_of_the_scans__law(block: BlockCopy) -> None:
+    upright = f"{block.scans[0].stem}{UPRIGHT_SUFFIX}.tif"
+    path = listed(block, f"J,{upright},1,2", "T,FIRST,10,20", "T,SECOND,30,40")
+    taken = measured_part(read_project(block.folder), path, ("J",))
+    assert taken.decisions == ()
+    assert f"1 photo is no scan of this block: {upright}" in " ".join(taken.brought.notes)
+
+
 def test_without_points_everybody_is_told_that_all_are_ties__truth(block: BlockCopy) -> None:
     path = listed(block, "T,FIRST,10,20", "T,SECOND,30,40")
     taken = measured_part(read_project(block.folder), path, ())
     assert "no surveyed points yet" in " ".join(taken.brought.notes)
+
+
+def test_a_list_comes_in_at_the_desk_as_well__truth(block: BlockCopy) -> None:
+    path = listed(block, "J1,FIRST,100.5,200.25", "T,FIRST,10,20", "T,SECOND,30,40")
+    flown = tiny_flight().block
+    surveyed = {"J1": next(iter(flown.surveyed.values()))}
+    handed: list[Measured] = []
+    points = DeskPoints(replace(flown, surveyed=surveyed), block.folder, handed.append)
+    reading, data = {"format": "measurements"}, path.read_bytes()
+    page = points.read("list.csv", data, reading)
+    assert page["counts"] == {"measurements": 1, "ties": 1}
+    assert points.bring("seat", "list.csv", data, reading) == {"brought": 2}
+    assert handed[0].more == (Place("J1", block.scans[0].stem, 100.5, 200.25, HAND_SIGMA_PX),)
+    assert read_project(block.folder).scans.ties is not None
