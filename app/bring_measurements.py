@@ -16,10 +16,17 @@ from app.brought_lists import (
     write_keys,
     write_lists,
 )
+from app.exchange_checks import check_measurements
 from app.project import ListedScan, Project, listed_points
 from core.block import HAND_SIGMA_PX
 from core.exchange import UPRIGHT_SUFFIX
-from core.formats.exchange import ExchangeBlock, ExchangePhoto, ExchangeTies, Pair
+from core.formats.exchange import (
+    ExchangeBlock,
+    ExchangeMeasurement,
+    ExchangePhoto,
+    ExchangeTies,
+    Pair,
+)
 from core.formats.measurement_list import (
     AS_WRITTEN,
     MEASUREMENTS,
@@ -29,7 +36,6 @@ from core.formats.measurement_list import (
     ties_of_rows,
 )
 from core.formats.records import scan_stem
-from core.raster.scan_pixels import open_dataset
 from core.said import say
 from sessions.decisions import Decision, Place
 from sessions.session import Session
@@ -71,7 +77,9 @@ def measured_part(
     if not own:
         raise no_scan_of_it(path, foreign, names)
     rows = [row for row in found.rows if row.scan in own]
-    _check_inside(rows, own, scans)
+    measured = (ExchangeMeasurement(row.name, row.scan, row.column, row.line) for row in rows)
+    paths = {photo_id: scan.path for photo_id, scan in scans.items()}
+    check_measurements(ExchangeBlock(measurements=tuple(measured)), own, paths, path)
     notes = list(_notes(found.unused, [scan for scan in files if scan not in own], reading))
     if found.fiducials:
         _check_certified(project, rows, own, scans)
@@ -108,30 +116,6 @@ def _notes(unused: int, strange: Sequence[str], reading: MeasurementReading) -> 
             )
         )
     return notes
-
-
-def _check_inside(
-    rows: Sequence[MeasuredRow], own: Mapping[str, str], scans: Mapping[str, ListedScan]
-) -> None:
-    """Refuse places that their scan does not have."""
-    sizes: dict[str, tuple[int, int]] = {}
-    for row in rows:
-        photo_id = own[row.scan]
-        if photo_id not in sizes:
-            with open_dataset(scans[photo_id].path) as dataset:
-                sizes[photo_id] = dataset.width, dataset.height
-        columns, lines = sizes[photo_id]
-        if not (0 <= row.column <= columns and 0 <= row.line <= lines):
-            raise row.row.refused(
-                "Line {number}: column {column:g}, row {row:g} is outside scan {scan} of "
-                "{columns} x {rows} pixels.",
-                "Columns count to the right and rows down, in pixels of the scan as it is.",
-                column=row.column,
-                row=row.line,
-                scan=photo_id,
-                columns=columns,
-                rows=lines,
-            )
 
 
 def _check_certified(

@@ -9,6 +9,7 @@ from app.answers import named_columns, parted, positive
 from app.project import Project
 from core.block import Block
 from core.control.stage import ControlFound
+from core.errors import ProjectError
 from core.formats.listed_point import QUANTITIES, ListedPoint, PointList, PointListReading, Quantity
 from core.formats.point_axes import Heights, Surroundings
 from core.formats.point_list import read_point_list

@@ -17,7 +17,7 @@ from core.formats.exchange import ExchangeBlock, ExchangeMeasurement
 from core.formats.point_axes import SAME_M
 from core.formats.records import scan_stem
 from core.geometry.exterior import turn_between
-from core.raster.files import FILES
+from core.raster.scan_pixels import open_dataset
 from core.said import say
 
 SAME_PX = 1e-3  # design: digits that programs leave
@@ -124,6 +124,7 @@ def check_measurements(
 
     Raises:
         ProjectError: A measurement cannot be.
+        ScanError: A scan cannot be opened.
     """
     known: dict[tuple[str, str], tuple[float, float]] = {}
     sizes: dict[str, tuple[int, int]] = {}
@@ -132,7 +133,7 @@ def check_measurements(
         if ours is None or foreign.on_film:
             continue
         if ours not in sizes:
-            with FILES.borrow(scans[ours]) as dataset:
+            with open_dataset(scans[ours]) as dataset:
                 sizes[ours] = (dataset.width, dataset.height)
         place, (columns, rows) = (one.column, one.row), sizes[ours]
         if not (-RIM_PX <= place[0] <= columns + RIM_PX and -RIM_PX <= place[1] <= rows + RIM_PX):

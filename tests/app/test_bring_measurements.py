@@ -88,8 +88,8 @@ def test_pixels_and_weights_are_those_of_the_answers__truth(block: BlockCopy) ->
 @pytest.mark.parametrize(
     ("rows", "told"),
     [
-        (["T,FIRST,10,20", "T,SECOND,30,999999"], "Line 4: column 30, row 999999 is outside scan"),
-        (["T,FIRST,10,-20", "T,SECOND,30,40"], "Line 3: column 10, row .20 is outside scan"),
+        (["T,FIRST,10,20", "T,SECOND,30,999999"], "measures T in .* at column 30.0, row 999999.0"),
+        (["T,FIRST,10,-20", "T,SECOND,30,40"], "measures T in .* at column 10.0, row .20.0"),
         (["T,elsewhere.tif,10,20"], "knows no scan of this block"),
     ],
 )
