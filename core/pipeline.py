@@ -148,7 +148,7 @@ STAGES: tuple[Stage, ...] = (
         (),
         lambda given: (given.scans, given.cameras, [scan.path for scan in given.scans]),
         _scans,
-        version=10,
+        version=11,
     ),
     Stage(
         "georeference",

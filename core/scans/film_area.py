@@ -193,7 +193,7 @@ def _area_in(
             found = _Rectangle(columns, rows, float(turn))
             if rim not in best or found.total > best[rim].total:
                 best[rim] = found
-    likely = max(best.values(), key=lambda found: found.likely)
+    likely = _likely(*best.values())
     corners = _corners(likely, gray.shape) * reduction + np.array(window[:2])
     return FilmArea(corners, likely.seen, likely.scores)
 
@@ -302,15 +302,36 @@ class _Rectangle:
         return tuple(side for side, score in scored if score >= LEAST_SCORE)
 
     @property
-    def likely(self) -> tuple[bool, float]:
-        """Its rank: of two that are there the inner one is the picture.
+    def area(self) -> float:
+        """Square cells."""
+        columns, rows = self.columns, self.rows
+        return (columns.second - columns.first) * (rows.second - rows.first)
 
-        The other is the edge of the film, which often stands out more.
-        """
-        if not _trusted(self.seen):
-            return False, self.total
-        width = self.columns.second - self.columns.first
-        return True, -width * (self.rows.second - self.rows.first)
+    def inside(self, other: "_Rectangle") -> bool:
+        """Whether no side of it lies beyond that of another, but for what sizes differ by."""
+        pairs = (self.columns, other.columns), (self.rows, other.rows)
+        return all(
+            outer.first - _slack(inner) <= inner.first
+            and inner.second <= outer.second + _slack(inner)
+            for inner, outer in pairs
+        )
+
+
+def _slack(pair: _Pair) -> float:
+    """Cells by which a picture of this width may differ from its frame."""
+    return round((pair.second - pair.first) * SIZE_TOLERANCE) + 1.0
+
+
+def _likely(one: _Rectangle, other: _Rectangle) -> _Rectangle:
+    """The picture, of a rectangle that steps up and one that steps down.
+
+    Where both are there and one lies inside the other, the outer one is the edge of the film, which
+    often stands out more. Sides of two that cross are those of chance, such as scratches.
+    """
+    best, second = sorted((one, other), key=lambda found: (_trusted(found.seen), found.total))[::-1]
+    if _trusted(second.seen) and second.inside(best):
+        return min(best, second, key=lambda found: found.area)
+    return best
 
 
 def _best_pair(

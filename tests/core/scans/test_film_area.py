@@ -60,6 +60,25 @@ def test_the_picture_is_found_within_a_film_cut_close_to_it__truth(
     assert away.max() * film.pixel_mm < 0.33
 
 
+def test_scratches_make_no_side_of_another_picture__truth(tmp_path: Path) -> None:
+    """Two edges of the film and a long scratch were a picture 7 mm beside the one that is there,
+    which had all four sides: its marks were then looked for in the wrong places."""
+    film, rim, aside = Film(turn_deg=0.4, margin=8.0), 90, 80
+    make_film(tmp_path / "film.tif", film)
+    plain = read_overview(open_scan(tmp_path / "film.tif"), 1)
+    gray = np.pad(plain, rim, constant_values=film.margin)
+    corners = true_corners(film, plain.shape[0]) + rim
+    left, top = corners.min(axis=0).round().astype(int).tolist()
+    right, bottom = corners.max(axis=0).round().astype(int).tolist()
+    gray[bottom + aside :] = gray[:, right + aside :] = 70.0
+    scratch = top + aside + 20
+    gray[scratch - 6 : scratch, left + aside :] = 200.0
+    write_gray(tmp_path / "scratched.tif", gray.astype(np.uint8))
+    area = detect_film_area(open_scan(tmp_path / "scratched.tif"), CAMERA, film.pixel_mm)
+    assert len(area.seen) == 4
+    assert np.linalg.norm(area.corners - corners, axis=1).max() * film.pixel_mm < 0.33
+
+
 def test_side_cut_off_by_the_scanner_follows_from_the_frame__truth(tmp_path: Path) -> None:
     film = Film()
     make_film(tmp_path / "film.tif", film)
