@@ -7,19 +7,20 @@ and fiducials those of their scans.
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
-from app.bring_points import brought_points, known_block
 from app.brought_lists import (
+    BROUGHT,
     Brought,
     TakenOver,
     known_photos,
     no_scan_of_it,
+    ties_name,
     write_keys,
     write_lists,
 )
 from app.exchange_checks import check_measurements
-from app.project import ListedScan, Project, listed_points
+from app.project import ListedScan, Project
 from core.block import HAND_SIGMA_PX
-from core.exchange import UPRIGHT_SUFFIX
+from core.exchange import is_laid_upright
 from core.formats.exchange import (
     ExchangeBlock,
     ExchangeMeasurement,
@@ -35,18 +36,8 @@ from core.formats.measurement_list import (
     read_measurement_list,
     ties_of_rows,
 )
-from core.formats.records import scan_stem
 from core.said import say
 from sessions.decisions import Decision, Place
-from sessions.session import Session
-
-
-def point_names(project: Project, session: Session) -> frozenset[str]:
-    """Points whose measurements are decisions: those listed, brought, clicked or proposed."""
-    block = known_block(project, session)
-    listed = listed_points(project.control.points, project.block.crs)
-    names = {point.point_id for point in (*listed, *brought_points(session))}
-    return frozenset(names | set(() if block is None else block.surveyed))
 
 
 def measured_part(
@@ -73,7 +64,7 @@ def measured_part(
     files = {row.scan: ExchangePhoto(row.scan, row.scan) for row in found.rows}
     foreign = ExchangeBlock(photos=files)
     names = {photo_id.lower(): photo_id for photo_id in scans}
-    own = {t: o for t, o in known_photos(foreign, names).items() if not _is_upright(t, o)}
+    own = {t: o for t, o in known_photos(foreign, names).items() if not is_laid_upright(t, o)}
     if not own:
         raise no_scan_of_it(path, foreign, names)
     rows = [row for row in found.rows if row.scan in own]
@@ -87,20 +78,14 @@ def measured_part(
     return _points(project, path, rows, own, known_points, notes)
 
 
-def _is_upright(theirs: str, ours: str) -> bool:
-    """Whether a name is that of a scan laid upright, whose pixels are others."""
-    stem = scan_stem(theirs)
-    return stem.endswith(UPRIGHT_SUFFIX) and not ours.endswith(UPRIGHT_SUFFIX)
-
-
 def _notes(unused: int, strange: Sequence[str], reading: MeasurementReading) -> list[str]:
     """What of a list is left out, and where its pixels were taken to count from."""
     notes: list[str] = []
-    if reading.origin == "corner":
+    if reading.origin is None:
         notes.append(
             say(
-                "Pixels are taken to count from the outer corner of the first pixel; if they count "
-                "from its middle, import again with --answer origin=middle."
+                "Pixels are taken to count from the outer corner of the first pixel. A list that "
+                "counts from its middle comes in by gruber import --answer origin=middle."
             )
         )
     if unused:
@@ -182,6 +167,10 @@ def _points(
     def write() -> None:
         none = ExchangeBlock()
         keys = write_lists(project.folder, none, {}, path, MEASUREMENTS.name, ties=ties)
+        before = project.scans.ties
+        if not keys and before == project.folder / BROUGHT / ties_name(MEASUREMENTS.name):
+            # An earlier import of this list took for tie points what are surveyed ones now.
+            keys["scans", "ties"] = None
         write_keys(project, keys)
 
     counts = {"measurements": len(decisions), "ties": len(ties.names)}

@@ -1,13 +1,13 @@
 """Import lists of surveyed points: read, compare with the block's ground, record as a whole."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
 from app.answers import named_columns, parted, positive
-from app.project import Project
-from core.block import Block
+from app.project import Project, listed_points
+from core.block import Block, SurveyedPoint, surveyed_point
 from core.control.stage import ControlFound
 from core.errors import ProjectError
 from core.formats.listed_point import QUANTITIES, ListedPoint, PointList, PointListReading, Quantity
@@ -103,6 +103,15 @@ def brought_points(session: Session) -> tuple[ListedPoint, ...]:
     """Points that stand in the session, whatever `block.toml` lists."""
     said = [item.decision for item in standing(session.decisions())]
     return tuple(p for one in said if isinstance(one, BringPoints) for p in one.points)
+
+
+def points_of(
+    project: Project, session: Session, block: Block | None
+) -> Mapping[str, SurveyedPoint]:
+    """All points of a block by name: listed, brought, clicked and proposed."""
+    listed = listed_points(project.control.points, project.block.crs)
+    surveyed = {p.point_id: surveyed_point(p) for p in (*listed, *brought_points(session))}
+    return surveyed | ({} if block is None else dict(block.surveyed))
 
 
 def surroundings(crs: str, block: Block | None, ground: Ground | None = None) -> Surroundings:

@@ -25,7 +25,7 @@ class Brought:
     """What an import took over."""
 
     counts: Mapping[str, int]
-    """How many of what: `points`, `measurements`, `exteriors`, `fiducials`."""
+    """How many of what: `points`, `measurements`, `ties`, `exteriors`, `fiducials`."""
     notes: tuple[str, ...]
     """What was left out, a sentence each."""
 
@@ -37,7 +37,7 @@ class TakenOver:
     decisions: tuple[Decision, ...]
     """Points and measurements, undone at once."""
     write: Callable[[], None]
-    """Puts exterior orientations and fiducials into the block's folder, named in `block.toml`."""
+    """Puts orientations, fiducials and ties into the block's folder, named in `block.toml`."""
     brought: Brought
     """What to tell the user."""
 
@@ -80,7 +80,7 @@ def write_lists(
     """Orientations, fiducials and ties as files of the block; the keys of `block.toml` for them."""
     changes: dict[tuple[str, str], object] = {}
     if len(ties.point):
-        file = folder / BROUGHT / f"{name}-ties.csv"
+        file = folder / BROUGHT / ties_name(name)
         with whole_file(file) as temporary:
             write_ties(temporary, ties)
         changes["scans", "ties"] = file.relative_to(folder).as_posix()
@@ -107,6 +107,11 @@ def write_lists(
     if marked:
         changes["scans", "fiducial_measures"] = f"{BROUGHT}/{image_measures_name('*')}"
     return changes
+
+
+def ties_name(form: str) -> str:
+    """File of the tie points that a format brought."""
+    return f"{form}-ties.csv"
 
 
 def write_keys(project: Project, changes: Mapping[tuple[str, str], object]) -> None:

@@ -1,7 +1,7 @@
 """`gruber export` and `gruber import`: write a block for other programs, read their files."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,12 +10,13 @@ from types import MappingProxyType
 import numpy as np
 
 from app.answers import eo_heads, measurement_reading
-from app.bring_measurements import measured_part, point_names
+from app.bring_measurements import measured_part
 from app.bring_points import (
     POINT_TABLE,
     OpenQuestionsError,
     bring_points,
     known_block,
+    points_of,
     reading_of,
     told_lines,
 )
@@ -35,7 +36,7 @@ from app.exchange_checks import (
 )
 from app.project import Project
 from core.adjustment.adjusted import AdjustmentReport
-from core.block import HAND_SIGMA_PX, Block
+from core.block import HAND_SIGMA_PX, Block, SurveyedPoint
 from core.errors import CrsError, StorageError
 from core.exchange import (
     UPRIGHT_SUFFIX,
@@ -252,7 +253,7 @@ def bring_file(
         return import_into(project, session, name, path, answers)
     brought = bring_points(project, session, path, reading_of(answers))
     told = tuple(told_lines(brought))
-    if brought.found.questions:
+    if brought.recorded is None and (brought.found.questions or brought.found.refused):
         raise OpenQuestionsError(path, told)
     return Brought({"points": len(brought.found.points)}, told)
 
@@ -264,20 +265,32 @@ def import_into(
 
     `answers` say how a list is to be read, such as `columns=scan,X,Y,Z`.
     """
+    block = known_block(project, session)
+    points = points_of(project, session, block)
     if name == MEASUREMENTS.name:
-        known_points = point_names(project, session)
-        taken = measured_part(project, path, known_points, measurement_reading(answers))
+        taken = measured_part(project, path, points, measurement_reading(answers))
     else:
-        block = known_block(project, session)
-        taken = usable_part(project, name, path, block, eo_heads(name, answers))
+        taken = usable_part(project, name, path, block, points, eo_heads(name, answers))
+    before = project.file.read_bytes()
     taken.write()
-    if taken.decisions:
-        session.record_all(taken.decisions)
+    try:
+        if taken.decisions:
+            session.record_all(taken.decisions)
+    except Exception:
+        # All of a file comes in, or nothing: without its names in block.toml a list is none.
+        with whole_file(project.file) as temporary:
+            temporary.write_bytes(before)
+        raise
     return taken.brought
 
 
 def usable_part(
-    project: Project, name: str, path: Path, block: Block | None, heads: Sequence[str] = ()
+    project: Project,
+    name: str,
+    path: Path,
+    block: Block | None,
+    points: Mapping[str, SurveyedPoint],
+    heads: Sequence[str] = (),
 ) -> TakenOver:
     """What of a foreign file a block can use.
 
@@ -287,15 +300,19 @@ def usable_part(
         path: The file or folder.
         block: The block as far as it was run, by which orientations and pixels are judged; None
             where nothing places its photos yet.
+        points: All points of the block, listed and brought ones among them.
         heads: Columns of a list of orientations, where somebody said them.
 
     Raises:
         PhotogrammetryError: The file cannot be read, is in a CRS that cannot be brought into the
             block's, knows none of its scans, or says what cannot be.
     """
-    form = format_named(name, reads=True)
+    form, held = format_named(name, reads=True), bool(project.reference.ortho)
+    if block is not None and block.crs != project.block.crs:
+        block = None
     if name in EO_READERS:
-        known = None if block is None else _known(block)
+        # A list that says how it counts may correct the one that alone placed the photos.
+        known = _known(block) if block is not None and (held or name == PLAIN_EO) else None
         form = replace(form, read=partial(EO_READERS[name], known=known, heads=heads))
     read = read_format(form, path)
     foreign = in_block_crs(read, project.block.crs, path)
@@ -304,9 +321,10 @@ def usable_part(
     if foreign.photos and not own:
         raise no_scan_of_it(path, foreign, names)
     foreign = on_scans(foreign, own, block, path)
-    foreign, kept = without_known(foreign, block, path)
+    unknown = {m.point_id for m in foreign.measurements} - {*foreign.points, *points}
+    foreign, kept = without_known(foreign, points, path)
     check_measurements(foreign, own, {s.photo_id: s.path for s in project.scans.listed}, path)
-    turned = check_exteriors(foreign, own, block, path)
+    elsewhere = check_exteriors(foreign, own, block, held, path)
     decisions = decisions_of(foreign, own, path.name)
 
     def write() -> None:
@@ -321,7 +339,7 @@ def usable_part(
     }
     brought = Brought(
         {what: count for what, count in counts.items() if count},
-        (*foreign.notes, *kept, *turned, *_left_out(foreign, own)),
+        (*foreign.notes, *kept, *elsewhere, *_left_out(foreign, own, unknown)),
     )
     return TakenOver(decisions, write, brought)
 
@@ -391,9 +409,20 @@ def listed(point: ExchangePoint) -> ListedPoint:
     return ListedPoint(point.point_id, *point.position, sigma, point.role)
 
 
-def _left_out(foreign: ExchangeBlock, own: Mapping[str, str]) -> tuple[str, ...]:
-    """What this block has no place for."""
+def _left_out(
+    foreign: ExchangeBlock, own: Mapping[str, str], without_place: Collection[str]
+) -> tuple[str, ...]:
+    """What this block has no place for; measured points may have no coordinates."""
     notes: list[str] = []
+    if without_place and not foreign.on_film:
+        notes.append(
+            say(
+                "{count:# measured point has|# measured points have} no coordinates: they count "
+                "once a list brings these ({names}).",
+                count=len(without_place),
+                names=sorted(without_place)[:5],
+            )
+        )
     if foreign.on_film:
         notes.append(
             say("Measurements on film are not taken over: the program does not know the scans.")

@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from core.block import Block, Photo
+from core.block import Block, Photo, SurveyedPoint
 from core.errors import ProjectError
-from core.exchange import UPRIGHT_SUFFIX, upright_frame
-from core.formats.exchange import ExchangeBlock, ExchangeMeasurement
+from core.exchange import is_laid_upright, upright_frame
+from core.formats.eo_format import FAR_M
+from core.formats.exchange import ExchangeBlock, ExchangeMeasurement, ExchangePoint
 from core.formats.point_axes import SAME_M
-from core.formats.records import scan_stem
+from core.formats.rotations import triple_of
 from core.geometry.exterior import turn_between
 from core.raster.scan_pixels import open_dataset
 from core.said import say
@@ -24,8 +25,6 @@ SAME_PX = 1e-3  # design: digits that programs leave
 """A point at two places of one photo that are no further apart is measured once."""
 RIM_PX = 1.0  # design: programs count from the corner or from the middle of the first pixel
 """So far beside a scan a place may lie."""
-FAR_M = 50_000.0  # design: no block is so wide; a wrong CRS is off by more
-"""Photos this far from the block do not belong to it, metres."""
 # design: georeferences of archives are off by some degrees, and by quarters of a turn if at all.
 TURNED = np.radians(30)
 """Photos turned by more against what is known of them are told."""
@@ -47,19 +46,17 @@ def on_scans(
     Raises:
         ProjectError: There is no interior orientation of such a photo yet.
     """
-    laid = {
-        theirs: ours
-        for theirs, ours in own.items()
-        if scan_stem(theirs).removesuffix(UPRIGHT_SUFFIX) != scan_stem(theirs)
-        and not scan_stem(ours).endswith(UPRIGHT_SUFFIX)
-    }
-    if not laid or not foreign.measurements:
+    measured = {one.photo_id for one in foreign.measurements}
+    laid = {t: o for t, o in own.items() if t in measured and is_laid_upright(t, o)}
+    if not laid:
         return foreign
-    if block is None or not set(laid.values()) <= set(block.photos):
+    unknown = [ours for ours in laid.values() if block is None or ours not in block.photos]
+    if block is None or unknown:
         raise ProjectError(
             path,
-            "measures scans that were laid upright, and nothing tells yet how these scans lie.",
-            "Run the block first: gruber run BLOCK --until scans.",
+            "measures {name} laid upright, and nothing tells yet how that scan lies.",
+            "Run the block first: gruber run BLOCK --until georeference.",
+            name=unknown[0],
         )
 
     def moved(one: ExchangeMeasurement) -> ExchangeMeasurement:
@@ -71,44 +68,66 @@ def on_scans(
         column, row = photo.interior.pixel_from_film(film)[0].tolist()
         return replace(one, column=column, row=row)
 
-    measured = (moved(one) if one.photo_id in laid else one for one in foreign.measurements)
-    return replace(foreign, measurements=tuple(measured))
+    places = (moved(one) if one.photo_id in laid else one for one in foreign.measurements)
+    return replace(foreign, measurements=tuple(places))
 
 
 def without_known(
-    foreign: ExchangeBlock, block: Block | None, path: Path
+    foreign: ExchangeBlock, known: Mapping[str, SurveyedPoint], path: Path
 ) -> tuple[ExchangeBlock, tuple[str, ...]]:
-    """The points that the block does not have at that very place, and a word on those it has.
+    """The points that the block does not have at that very place, and words on those it has.
 
-    Most formats know neither roles nor standard deviations: a check point that comes back with its
-    measurements must not become control.
+    Most formats know no roles, and many no standard deviations: a check point that comes back with
+    its measurements stays one, wherever it is put, and keeps what the file does not say.
+
+    Args:
+        foreign: What the file says, in the block's CRS.
+        known: All points of the block, listed and brought ones among them.
+        path: The file.
 
     Raises:
         ProjectError: A point that the block found itself is given another place.
     """
-    found = {} if block is None else block.surveyed
-    known: list[str] = []
+    points: dict[str, ExchangePoint] = {}
+    staying: list[str] = []
+    moved: list[str] = []
     for name, point in foreign.points.items():
-        ours = found.get(name)
+        ours = known.get(name)
         if ours is None:
-            continue
-        if np.abs(np.array(point.position) - ours.position).max() <= SAME_M:
-            known.append(name)
+            points[name] = point
+        elif np.abs(np.array(point.position) - ours.position).max() <= SAME_M:
+            staying.append(name)
         elif ours.source != "surveyed":
             raise ProjectError(
                 path,
                 say("the block has a point of another kind that is called {name}.", name=name),
                 say("Give the point another name."),
             )
-    if not known:
-        return foreign, ()
-    points = {name: point for name, point in foreign.points.items() if name not in known}
-    told = say(
-        "{count:# point stays|# points stay} as the block has them, such as {name}.",
-        count=len(known),
-        name=known[0],
-    )
-    return replace(foreign, points=points), (told,)
+        else:
+            moved.append(name)
+            role = "check" if ours.role == "check" else "control"
+            points[name] = replace(
+                point, role=role, sigma_m=point.sigma_m or triple_of(ours.sigma_m)
+            )
+    told: list[str] = []
+    if staying:
+        told.append(
+            say(
+                "{count:# point stays|# points stay} as the block has them, such as {name}.",
+                count=len(staying),
+                name=staying[0],
+            )
+        )
+    if moved:
+        told.append(
+            say(
+                "{count:# point of the block moves|# points of the block move} to the places of "
+                "the file and keep their roles: {names}.",
+                count=len(moved),
+                names=moved[:5],
+            )
+        )
+    return replace(foreign, points=points), tuple(told)
 
 
 def check_measurements(
@@ -161,43 +180,44 @@ def check_measurements(
 
 
 def check_exteriors(
-    foreign: ExchangeBlock, own: Mapping[str, str], block: Block | None, path: Path
+    foreign: ExchangeBlock, own: Mapping[str, str], block: Block | None, held: bool, path: Path
 ) -> tuple[str, ...]:
-    """Refuse photos far from the block or below its ground; say where they are turned against it.
+    """Say where photos lie or are turned otherwise than the block has them; refuse what is absurd.
 
     Args:
         foreign: What the file says, in the block's CRS.
         own: The block's photos by the foreign name.
         block: The block as far as it was run; None where nothing places its photos.
+        held: Whether a reference says where the block lies. What an earlier list alone said may
+            be what this one corrects.
         path: The file.
 
     Raises:
         ProjectError: The photos cannot lie there.
     """
-    given = {
-        ours: foreign.photos[theirs].exterior
-        for theirs, ours in own.items()
-        if block is not None and ours in block.photos
-    }
-    placed = {name: exterior for name, exterior in given.items() if exterior is not None}
-    if block is None or not placed:
+    if block is None:
         return ()
+    given = ((ours, foreign.photos[t].exterior) for t, ours in own.items() if ours in block.photos)
+    placed = {name: exterior for name, exterior in given if exterior is not None}
+    if not placed:
+        return ()
+    photos = [block.photos[name] for name in placed]
     centres = np.array([exterior.centre for exterior in placed.values()])
-    there = np.array([block.photos[name].exterior.centre for name in placed])
-    unsure_m, unsure_rad = np.array([_unsure(block.photos[name]) for name in placed]).T
-    away = np.hypot(*(centres - there)[:, :2].T)
-    far = float(np.median(away))
+    away = np.hypot(*(centres - [photo.exterior.centre for photo in photos])[:, :2].T)
+    unsure_m, unsure_rad = np.array([_unsure(photo) for photo in photos]).T
+    told: list[str] = []
     if np.median(away - unsure_m) > FAR_M:
-        raise ProjectError(
-            path,
-            "The photos lie {far:,.0f} km from the block.",
-            "Give easting and northing in the CRS of the block, {crs}.",
-            far=far / 1000,
-            crs=block.crs,
+        far = say(
+            "The photos lie {far:,.0f} km from where the block has them.",
+            far=float(np.median(away)) / 1000,
         )
-    ground = np.array([block.photos[name].ground_height_m for name in placed])
+        if held:
+            remedy = "Give easting and northing in the CRS of the block, {crs}."
+            raise ProjectError(path, far, say(remedy, crs=block.crs))
+        told.append(far)
+    ground = np.array([photo.ground_height_m for photo in photos])
     low = [name for name, above in zip(placed, centres[:, 2] - ground, strict=True) if above <= 0]
-    if low:
+    if low and held and not told:
         raise ProjectError(
             path,
             "{name} lies below the ground of the block.",
@@ -205,19 +225,19 @@ def check_exteriors(
             name=low[0],
         )
     turns = [
-        turn_between(exterior.object_from_image, block.photos[name].exterior.object_from_image)
-        for name, exterior in placed.items()
+        turn_between(exterior.object_from_image, photo.exterior.object_from_image)
+        for exterior, photo in zip(placed.values(), photos, strict=True)
     ]
     off = np.linalg.norm(turns, axis=1)
-    if np.median(off - unsure_rad) <= TURNED:
-        return ()
-    return (
-        say(
-            "The photos are turned by {angle:.0f} degrees against what the block knew of them: "
-            "angles of another unit, order or sign?",
-            angle=float(np.degrees(np.median(off))),
-        ),
-    )
+    if np.median(off - unsure_rad) > TURNED:
+        told.append(
+            say(
+                "The photos are turned by {angle:.0f} degrees against what the block knew of them: "
+                "angles of another unit, order or sign?",
+                angle=float(np.degrees(np.median(off))),
+            )
+        )
+    return tuple(told)
 
 
 def _unsure(photo: Photo) -> tuple[float, float]:

@@ -142,7 +142,10 @@ class Run:
                         break
                     if name == "adjustment" and (why := self.end_of_walk()):
                         self.ended_early = why
-                        self.voice.ended_early(why)
+                        if self.stands:
+                            self.voice.say(why)
+                        else:
+                            self.voice.ended_early(why)
                         break
             except (KeyboardInterrupt, Cancelled):
                 waits = False

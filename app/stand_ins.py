@@ -13,6 +13,7 @@ from core.formats.headed_rows import HeadedForm, headed_rows
 from core.formats.records import Row, scan_stem
 from core.raster.dem import Dem
 from core.raster.scan_file import MOST_SIDE_PX
+from core.raster.scan_pixels import open_dataset
 from core.raster.stand_in import is_stand_in, write_stand_in
 from core.said import say
 from sessions.atomic_write import whole_file
@@ -46,14 +47,23 @@ def make_stand_ins(folder: Path, table: Path) -> int:
     for row in headed_rows(table, SIZES):
         path = folder / f"{scan_stem(row.filled('scan'))}.tif"
         row.refuse_again(path.stem, {known.stem for known in sizes})
-        if path.exists():
+        size = _side(row, "columns"), _side(row, "rows")
+        if path.exists() and not _is_that(path, size):
             raise ProjectError(path, "is there already.", "Take it out of the list of scans.")
-        sizes[path] = _side(row, "columns"), _side(row, "rows")
+        sizes[path] = size
     folder.mkdir(parents=True, exist_ok=True)
     for path, size in sizes.items():
         with whole_file(path) as temporary:
             write_stand_in(temporary, size)
     return len(sizes)
+
+
+def _is_that(path: Path, size: tuple[int, int]) -> bool:
+    """Whether an earlier start has made this stand-in."""
+    if not is_stand_in(path):
+        return False
+    with open_dataset(path) as dataset:
+        return (dataset.width, dataset.height) == size
 
 
 def _side(row: Row, name: str) -> int:

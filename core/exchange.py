@@ -23,6 +23,7 @@ from core.formats.exchange import (
     ExchangePoint,
     ExchangeTies,
 )
+from core.formats.records import scan_stem
 from core.formats.rotations import triple_of
 from core.geometry.camera import Camera, additional_set
 from core.geometry.collinearity import Atmosphere, film_from_object
@@ -75,6 +76,12 @@ def upright_frame(photo: Photo, camera: Camera) -> UprightFrame | None:
 def upright_photos(block: Block) -> tuple[str, ...]:
     """Photos whose pixels a format that holds upright ones has otherwise than their scans."""
     return tuple(n for n, p in block.photos.items() if upright_frame(p, block.camera_of(n)))
+
+
+def is_laid_upright(theirs: str, ours: str) -> bool:
+    """Whether a foreign name is that of one of our scans laid upright, whose pixels are others."""
+    foreign, own = (scan_stem(name).lower().endswith(UPRIGHT_SUFFIX) for name in (theirs, ours))
+    return foreign and not own
 
 
 def named_upright(block: ExchangeBlock, laid: Collection[str]) -> ExchangeBlock:

@@ -1,6 +1,6 @@
 """One block on disk: run it, look at it, decide, adjust, export."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from app.block_list import was_made
@@ -145,7 +145,7 @@ class Block:
             ValueError: It names a point or photo that there is not, or a place outside of the scan.
         """
         seen = self._standing()[0]
-        _refuse_unknown(decision, seen)
+        _refuse_unknown(decision, seen, {scan.photo_id for scan in self.project.scans.listed})
         with Session.open(self.folder, self.operator) as session:
             return session.record(decision, seen)
 
@@ -211,10 +211,13 @@ class Block:
         return walk
 
 
-def _refuse_unknown(decision: Decision, block: BlockValue) -> None:
-    """Refuse what no row of the block's tables has: it would be on the disk, and do nothing."""
+def _refuse_unknown(decision: Decision, block: BlockValue, scans: Collection[str]) -> None:
+    """Refuse what the block does not have: it would be on the disk, and do nothing.
+
+    Scans that were set aside can still be placed, masked, and have their fiducials corrected.
+    """
     point, photo = (getattr(decision, name, None) for name in ("point_id", "photo_id"))
-    if photo is not None and photo not in block.photos:
+    if photo is not None and photo not in (scans if point is None else block.photos):
         raise ValueError(f"There is no photo {photo!r}.")
     if point is not None and point not in block.surveyed and not isinstance(decision, AddPoint):
         raise ValueError(f"There is no point {point!r}.")

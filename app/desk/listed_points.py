@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, cast, get_args, get_type_hints
 
 from app.bring_measurements import measured_part
-from app.bring_points import POINT_TABLE, Ground, surroundings
+from app.bring_points import POINT_TABLE, Ground, points_of, surroundings
 from app.brought_lists import Brought, TakenOver
 from app.desk.messages import Measured
 from app.exchange import format_names, usable_part
@@ -114,10 +114,13 @@ class DeskPoints:
 
     def _usable(self, form: str, path: Path) -> TakenOver:
         """What of another program's file the block can use."""
-        project, block = read_project(self._folder), self._now()
+        project = read_project(self._folder)
+        with Session.open(self._folder, "") as session:
+            block = session.replayed(self._block)
+            points = points_of(project, session, block)
         if form == MEASUREMENTS.name:
-            return measured_part(project, path, block.surveyed)
-        return usable_part(project, form, path, block)
+            return measured_part(project, path, points)
+        return usable_part(project, form, path, block, points)
 
     @staticmethod
     def _told(form: str, brought: Brought) -> dict[str, Any]:

@@ -31,8 +31,8 @@ from core.geometry.exterior import angles_from_rotation
 
 REMEDY = "The list needs the columns scan,X,Y,Z,omega_deg,phi_deg,kappa_deg[,sigma_X, ...]."
 NAMED = (
-    "The list needs the columns scan,X,Y,Z,omega_deg,phi_deg,kappa_deg[,sigma_X, ...]; gruber "
-    "import takes them by --answer columns=... in their order, one empty that is not read."
+    "The list needs the columns scan,X,Y,Z,omega_deg,phi_deg,kappa_deg[,sigma_X, ...]; name "
+    "them in order with gruber import --answer columns=...; leave unread ones empty."
 )
 """What to do about a list whose columns are not known."""
 ASKED = (

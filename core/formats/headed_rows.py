@@ -7,7 +7,7 @@ from pathlib import Path
 
 from core.errors import ProjectError
 from core.formats.listed_point import plain_word
-from core.formats.records import Row, read_text
+from core.formats.records import Row, read_text, unguarded
 
 DELIMITERS = ("\t", ";", ",")
 """Signs between columns; where a head has none of them, blanks part the columns."""
@@ -46,7 +46,7 @@ def headed_rows(path: Path, form: HeadedForm, columns: Sequence[str] | None = No
         ProjectError: It cannot be read, has no rows, or its columns cannot be told.
     """
     lines = [
-        (number, line.strip())
+        (number, line)
         for number, line in enumerate(read_text(path).splitlines(), 1)
         if line.strip() and not line.lstrip().startswith(COMMENT)
     ]
@@ -112,7 +112,7 @@ def _is_number(cell: str) -> bool:
 def _cells(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
         return line.split()
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+    return [unguarded(cell.strip()) for cell in next(csv.reader([line], delimiter=delimiter))]
 
 
 def _points(cells: list[str], columns: Collection[int]) -> tuple[str, ...]:

@@ -47,8 +47,8 @@ FORM = HeadedForm(
     (("point", "fiducial"), ("scan",), ("column",), ("row",)),
     ("column", "row", "sigma"),
     say(
-        "The list needs the columns point (or fiducial), scan, column, row; gruber import takes "
-        "them by --answer columns=... in their order, one empty that is not read."
+        "The list needs the columns point (or fiducial), scan, column, row; name them "
+        "in order with gruber import --answer columns=...; leave unread ones empty."
     ),
 )
 """Heads that lists have."""
@@ -62,8 +62,8 @@ class MeasurementReading:
 
     columns: tuple[str, ...] | None = None
     """What each column holds, of `COLUMNS`, empty where it is not read; None where heads say it."""
-    origin: Origin = "corner"
-    """Where its pixels count from."""
+    origin: Origin | None = None
+    """Where its pixels count from; None, which is the corner, where nobody says it."""
     sigma_px: float = float("nan")
     """Standard deviation per axis of rows that say none, pixels; NaN where nobody says it."""
 

@@ -13,9 +13,10 @@ from app.project import read_project
 from core.block import HAND_SIGMA_PX
 from core.errors import ProjectError
 from core.exchange import UPRIGHT_SUFFIX
+from core.formats.listed_point import ListedPoint
 from core.formats.micmac_points import read_image_measures
 from core.formats.tie_list import read_ties
-from sessions.decisions import Place, standing
+from sessions.decisions import BringPoints, Place, standing
 from sessions.session import Session
 from tests.journeys.copies import BlockCopy, copied
 from tests.ui.desk_block import tiny_block as tiny_flight
@@ -147,3 +148,19 @@ def test_a_list_comes_in_at_the_desk_as_well__truth(block: BlockCopy) -> None:
     assert points.bring("seat", "list.csv", data, reading) == {"brought": 2}
     assert handed[0].more == (Place("J1", block.scans[0].stem, 100.5, 200.25, HAND_SIGMA_PX),)
     assert read_project(block.folder).scans.ties is not None
+
+
+def test_ties_of_an_earlier_import_go_once_their_points_are_surveyed__law(
+    block: BlockCopy,
+) -> None:
+    """Each of their rays counted twice: as a tie, and as control."""
+    first, second = (scan.name for scan in block.scans[:2])
+    path = listed(block, f"T1,{first},100,200", f"T1,{second},110,210")
+    with Session.open(block.folder, "anna") as session:
+        import_into(read_project(block.folder), session, "measurements", path)
+        assert read_project(block.folder).scans.ties is not None
+        place = ListedPoint("T1", -577_500.0, -1_192_900.0, 300.0, (0.1, 0.1, 0.1), "control")
+        session.record(BringPoints((place,), "list"))
+        brought = import_into(read_project(block.folder), session, "measurements", path)
+    assert brought.counts == {"measurements": 2}
+    assert read_project(block.folder).scans.ties is None

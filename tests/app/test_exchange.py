@@ -199,7 +199,7 @@ def test_measurements_of_film_come_back_into_their_own_block__law(
     with Session.open(tiny_run.folder, "anna") as session:
         out = tmp_path / "out"
         export_block(session, report.block, report, name, out, pictures=False, progress=SILENT)
-    taken = usable_part(project, name, out, report.block)
+    taken = usable_part(project, name, out, report.block, report.block.surveyed)
     # What is where the block has it stays so: no check point becomes control.
     assert not [one for one in taken.decisions if isinstance(one, BringPoints)]
     places = [one for one in taken.decisions if isinstance(one, Place)]
@@ -218,7 +218,7 @@ def test_pixels_laid_upright_need_the_scans_to_be_oriented__law(
     measured = ExchangeMeasurement("P1", name, 400.5, 300.25)
     taking(monkeypatch, foreign_of(block, photos={name: photo}, measurements=(measured,)))
     with Session.open(block.folder, "anna") as session:
-        with pytest.raises(ProjectError, match="nothing tells yet how these scans lie"):
+        with pytest.raises(ProjectError, match="nothing tells yet how that scan lies"):
             import_into(read_project(block.folder), session, "any", Path("list.xml"))
         assert not session.decisions()
 
@@ -251,13 +251,13 @@ def test_a_point_of_the_block_elsewhere_is_refused__law(tiny_run: Tiny, tmp_path
     file = tmp_path / "gcp_list.txt"
     file.write_text(f"EPSG:5514\n{x} {y} {z} 400 300 {photo}.tif {name}\n")
     with pytest.raises(ProjectError, match="of another kind that is called"):
-        usable_part(project, "odm", file, report.block)
+        usable_part(project, "odm", file, report.block, report.block.surveyed)
 
 
 def test_orientations_are_held_against_the_block__law(tiny_run: Tiny, tmp_path: Path) -> None:
     """Whatever way of counting somebody states: far away and below ground nothing comes in, and
     photos that are turned are told."""
-    report, project = last_report(tiny_run), read_project(tiny_run.folder)
+    report, given = last_report(tiny_run), read_project(tiny_run.folder)
 
     def taken(**changes: float) -> tuple[str, ...]:
         rows = ["scan,X,Y,Z,omega,phi,kappa"]
@@ -268,14 +268,63 @@ def test_orientations_are_held_against_the_block__law(tiny_run: Tiny, tmp_path: 
             rows.append(f"{name}," + ",".join(map(repr, map(float, (*moved, *angles[:2], kappa)))))
         file = tmp_path / "list.csv"
         file.write_text("\n".join([*rows, ""]))
-        return usable_part(project, "eo-opk-deg", file, report.block).brought.notes
+        known = report.block.surveyed
+        return usable_part(given, "eo-opk-deg", file, report.block, known).brought.notes
 
     assert not [note for note in taken() if "turned" in note]
     assert [note for note in taken(turn=180.0) if "turned by 180 degrees" in note]
-    with pytest.raises(ProjectError, match="lie 871 km from the block"):
+    with pytest.raises(ProjectError, match="lie 871 km from where the block has them"):
         taken(far=871_000.0)
     with pytest.raises(ProjectError, match="lies below the ground"):
         taken(low=10_000.0)
+    # Where lists alone placed the photos, this one may correct an earlier one.
+    given = replace(given, reference=replace(given.reference, ortho=()))
+    assert [note for note in taken(far=871_000.0, low=10_000.0) if "871 km from where" in note]
+
+
+def test_a_check_point_stays_one_whatever_the_file_knows__law(
+    block: BlockCopy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before anything was run, a format without roles made control of it."""
+    listed = "id,X,Y,Z,sigma_xy,sigma_z,role\nP1,-577500,-1192900,300,0.02,0.03,check\n"
+    (block.folder / "points.csv").write_text(listed)
+    with (block.folder / "block.toml").open("a") as file:
+        file.write('\n[control]\npoints = "points.csv"\n')
+    for place, told in (((-577_500.0, -1_192_900.0, 300.0), "stays as the block has"),
+                        ((-577_490.0, -1_192_900.0, 300.0), "moves to the place")):  # fmt: skip
+        point = ExchangePoint("P1", place)
+        taking(monkeypatch, foreign_of(block, points={"P1": point}))
+        with Session.open(block.folder, "anna") as session:
+            brought = import_into(read_project(block.folder), session, "any", Path("list.xml"))
+            decided = [one.decision for one in session.decisions()]
+        assert any(told in note for note in brought.notes), brought.notes
+    (moved,) = [one for one in decided if isinstance(one, BringPoints)]
+    assert (moved.points[0].role, moved.points[0].sigma_m) == ("check", (0.02, 0.02, 0.03))
+
+
+def test_measured_points_without_coordinates_are_named__law(
+    block: BlockCopy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taking(monkeypatch, foreign_of(block, points={}))
+    with Session.open(block.folder, "anna") as session:
+        brought = import_into(read_project(block.folder), session, "any", Path("list.xml"))
+    assert [note for note in brought.notes if "no coordinates" in note and "P1" in note]
+
+
+def test_lists_are_not_named_where_nothing_could_be_recorded__law(
+    block: BlockCopy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taking(monkeypatch, foreign_of(block))
+    before = (block.folder / "block.toml").read_text()
+
+    def full(*_: object) -> None:
+        raise StorageError(block.folder, "is full.", "Make room.")
+
+    with Session.open(block.folder, "anna") as session:
+        monkeypatch.setattr(session, "record_all", full)
+        with pytest.raises(StorageError):
+            import_into(read_project(block.folder), session, "any", Path("list.xml"))
+    assert (block.folder / "block.toml").read_text() == before
 
 
 def test_an_export_that_fails_leaves_nothing__law(

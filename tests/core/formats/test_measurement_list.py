@@ -123,3 +123,13 @@ def test_what_cannot_be_used_is_refused_with_its_line__truth(
 ) -> None:
     with pytest.raises(ProjectError, match=told):
         read_measurement_list(written(tmp_path, text))
+
+
+def test_names_that_were_guarded_come_back_and_empty_first_cells_stay__truth(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "list.csv"
+    path.write_text("point,scan,column,row\n'@12,a.tif,1,2\n")
+    assert [row.name for row in read_measurement_list(path).rows] == ["@12"]
+    path.write_text("used\tpoint\tscan\tcolumn\trow\n\tP\ta.tif\t1\t2\n")
+    assert [row.name for row in read_measurement_list(path).rows] == ["P"]
