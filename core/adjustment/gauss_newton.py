@@ -78,7 +78,8 @@ def minimise(
         fit = replace(fit, weights=_weights(fit.lin, fit.taking_part, limit))
         cost = _cost(fit.lin, fit.taking_part, limit)
         trial, increment = _step(network, pattern, fit, damping)
-        if increment is not None and increment.decrement < _enough(cost, robust):
+        # A damped step is short wherever the minimum lies.
+        if increment is not None and not damping and increment.decrement < _enough(cost, robust):
             lin = linearise(network, trial)
             sound = np.isfinite(_cost(lin, fit.taking_part, limit))
             fit = _accepted(fit, trial, lin) if sound else fit
@@ -100,12 +101,11 @@ def minimise(
 def _beyond(network: Network, pattern: Pattern, fit: Fit, limit: float, cost: float) -> Fit | None:
     """Where some full steps lead that pass over a rise; None where they do not lead lower.
 
-    A principal distance that is only proposed and the flying heights are exchanged by a fifth of
-    themselves. Along that way full steps miss by what is of second order, and come back with the
-    next; damped ones would creep (watchdog technique, Chamberlain and others 1982).
+    Flying heights and a principal distance that is only proposed are exchanged for each other by a
+    fifth of themselves, and a block that only rough centres hold turns about its strip by degrees.
+    Along such a way full steps miss by what is of second order, and come back with the next; damped
+    ones creep (watchdog technique, Chamberlain and others 1982).
     """
-    if not any(camera.sigma_principal_distance_mm for camera in network.cameras):
-        return None
     for _ in range(WATCHED):
         state, increment = _step(network, pattern, fit, 0.0)
         if increment is None:
