@@ -14,6 +14,7 @@ from app.brought_lists import (
     known_photos,
     no_scan_of_it,
     ties_name,
+    told_strangers,
     write_keys,
     write_lists,
 )
@@ -92,14 +93,7 @@ def _notes(unused: int, strange: Sequence[str], reading: MeasurementReading) -> 
         notes.append(
             say("{count:# row is|# rows are} not used by the list itself: left out.", count=unused)
         )
-    if strange:
-        notes.append(
-            say(
-                "{count:# photo is|# photos are} no scan of this block: {names}.",
-                count=len(strange),
-                names=strange[:5],
-            )
-        )
+    notes += told_strangers(strange)
     return notes
 
 

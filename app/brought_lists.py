@@ -1,6 +1,6 @@
 """What an import brings: decisions, and lists that are kept in the block's folder."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from core.formats.exchange import ExchangeBlock, ExchangeTies
 from core.formats.micmac_points import image_measures_name, write_image_measures
 from core.formats.records import one_word, scan_stem
 from core.formats.tie_list import write_ties
+from core.said import say
 from sessions.atomic_write import whole_file
 from sessions.decisions import Decision
 
@@ -65,6 +66,19 @@ def no_scan_of_it(path: Path, foreign: ExchangeBlock, names: Mapping[str, str]) 
         "The scans of the block are {ours}.",
         theirs=", ".join(list(foreign.photos)[:3]),
         ours=", ".join(list(names.values())[:3]),
+    )
+
+
+def told_strangers(names: Sequence[str]) -> tuple[str, ...]:
+    """A word on photos of a file that are no scans of the block; none where there are none."""
+    if not names:
+        return ()
+    return (
+        say(
+            "{count:# photo is|# photos are} no scan of this block: {names}.",
+            count=len(names),
+            names=names[:5],
+        ),
     )
 
 

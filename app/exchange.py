@@ -25,6 +25,7 @@ from app.brought_lists import (
     TakenOver,
     known_photos,
     no_scan_of_it,
+    told_strangers,
     write_keys,
     write_lists,
 )
@@ -427,15 +428,7 @@ def _left_out(
         notes.append(
             say("Measurements on film are not taken over: the program does not know the scans.")
         )
-    unknown = [name for name in foreign.photos if name not in own]
-    if unknown:
-        notes.append(
-            say(
-                "{count:# photo is|# photos are} no scan of this block: {names}.",
-                count=len(unknown),
-                names=unknown[:5],
-            )
-        )
+    notes += told_strangers([name for name in foreign.photos if name not in own])
     if len(foreign.ties.point):
         notes.append(say("Tie points are not taken over; the run measures its own in the scans."))
     if foreign.cameras:
