@@ -1,5 +1,6 @@
 """Points measured in one photo, proposed in the others: truth says how many lie where they are."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import cv2
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from core.adjustment.adjusted import ExteriorSigmas
-from core.block import UNKNOWN_M, Block, Measurement, SurveyedPoint
+from core.block import UNKNOWN_M, Block, Measurement, Photo, SurveyedPoint
 from core.control.located import Surroundings
 from core.control.transfer import (
     RIGHT_PX,
@@ -17,6 +18,7 @@ from core.control.transfer import (
     transfer_point,
 )
 from core.doubts import Failure
+from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.raster.scan_file import open_scan
 from tests.core.ties.rendered import CAMERA, rendered_block, terrain, write
@@ -30,6 +32,9 @@ CENTRE_M, ANGLE = 0.5, 3e-4
 """How far the orientations are off, metres and radians."""
 POINTING_PX = 0.3
 GRAIN, GRAIN_PX = 6.0, 0.7
+
+Places = dict[str, np.ndarray]
+"""Scan pixel (1, 2) of a point by photo."""
 
 
 def as_adjusted(true: Block, rng: np.random.Generator) -> Surroundings:
@@ -81,12 +86,21 @@ def grounds(rng: np.random.Generator, count: int) -> np.ndarray:
     return np.column_stack([plan, terrain(plan[:, 0], plan[:, 1], RELIEF_M)])
 
 
-def pixels_of(true: Block, ground: np.ndarray) -> dict[str, np.ndarray]:
+def pixels_of(true: Block, ground: np.ndarray) -> Places:
     """True place in every photo that shows a point, 20 pixels from its edge at least."""
-    places = {
-        name: photo.pixel_from_object(ground[None], CAMERA) for name, photo in true.photos.items()
+    return seen_at(true.photos, CAMERA, ground, margin_px=20)
+
+
+def seen_at(
+    photos: Mapping[str, Photo], camera: Camera, ground: np.ndarray, margin_px: float
+) -> Places:
+    """Where photos show a point, away from the edges of their scans."""
+    places = {name: photo.pixel_from_object(ground[None], camera) for name, photo in photos.items()}
+    return {
+        name: at
+        for name, at in places.items()
+        if ((at > margin_px) & (at < np.array(photos[name].size_px) - margin_px)).all()
     }
-    return {name: at for name, at in places.items() if ((at > 20) & (at < 880)).all()}
 
 
 def pointed(point_id: str, photo_id: str, pixel: np.ndarray, rng) -> Measurement:
@@ -98,18 +112,29 @@ def judged(
     around: Surroundings, true: Block, rng, *, votes: int, listed: bool, points: int = 40
 ) -> np.ndarray:
     """Error, probability and stated deviation of every proposal of some points."""
+    places: dict[str, Places] = {}
+    known: dict[str, SurveyedPoint] = {}
+    for number, ground in enumerate(grounds(rng, points)):
+        name = f"P{number}"
+        places[name] = pixels_of(true, ground)
+        if listed:
+            known[name] = SurveyedPoint(name, ground, np.full(3, 0.1), "control", "surveyed")
+    around = replace(around, block=replace(around.block, surveyed=known))
+    return judged_places(around, places, rng, votes)
+
+
+def judged_places(
+    around: Surroundings, points: Mapping[str, Places], rng, votes: int = 1
+) -> np.ndarray:
+    """The same of points whose true places in the photos are known."""
     rows: list[tuple[float, float, float]] = []
     missing = 0
-    for number, ground in enumerate(grounds(rng, points)):
-        places = pixels_of(true, ground)
+    for point_id, places in points.items():
         names = rng.permutation(sorted(places)).tolist()
         if len(names) <= votes:
             continue
-        name = f"P{number}"
-        known = {name: SurveyedPoint(name, ground, np.full(3, 0.1), "control", "surveyed")}
-        block = replace(around.block, surveyed=known if listed else {})
-        measured = [pointed(name, photo, places[photo], rng) for photo in names[:votes]]
-        found = transfer_point(replace(around, block=block), name, measured)
+        measured = [pointed(point_id, photo, places[photo], rng) for photo in names[:votes]]
+        found = transfer_point(around, point_id, measured)
         assert isinstance(found, Transferred)
         assert not {item.photo_id for item in found.proposals} & set(names[:votes])
         for item in found.proposals:
@@ -171,23 +196,11 @@ def test_probabilities_of_a_film_block_are_borne_out__truth(tiny):
     plan = rng.uniform(centres.min(axis=0) - 150, centres.max(axis=0) + 150, (40, 2))
     ground = np.column_stack([plan, np.zeros(40)])
     ground[:, 2] = tiny.truth.heights_at(ground)
-    rows = []
-    for number, place in enumerate(ground):
-        at = {
-            name: photo.pixel_from_object(place[None], tiny.truth.camera)
-            for name, photo in tiny.photos.items()
-        }
-        seen = [n for n, p in at.items() if ((p > 60) & (p < tiny.photos[n].size_px)).all()]
-        if len(seen) < 2:
-            continue
-        first = str(rng.choice(seen))
-        found = transfer_point(around, f"P{number}", [pointed("P", first, at[first], rng)])
-        assert isinstance(found, Transferred)
-        rows += [
-            (float(np.hypot(*(item.pixel - at[item.photo_id])[0])), item.score)
-            for item in found.proposals
-        ]
-    off, probability = np.array(rows).T
+    points = {
+        f"P{number}": seen_at(tiny.photos, tiny.truth.camera, place, margin_px=60)
+        for number, place in enumerate(ground)
+    }
+    off, probability, _ = judged_places(around, points, rng).T
     right, sure = off < RIGHT_PX, probability >= 0.9
     assert len(off) > 40
     assert right.mean() >= 0.8
