@@ -26,7 +26,7 @@ class Brought:
     """What an import took over."""
 
     counts: Mapping[str, int]
-    """How many of what: `points`, `measurements`, `ties`, `exteriors`, `fiducials`."""
+    """How many of what: `points`, `measurements`, `ties`, `exteriors`, `positions`, `fiducials`."""
     notes: tuple[str, ...]
     """What was left out, a sentence each."""
 
@@ -98,15 +98,15 @@ def write_lists(
         with whole_file(file) as temporary:
             write_ties(temporary, ties)
         changes["scans", "ties"] = file.relative_to(folder).as_posix()
-    oriented = {
+    placed = {
         ours: foreign.photos[theirs]
         for theirs, ours in own.items()
-        if foreign.photos[theirs].exterior is not None
+        if foreign.photos[theirs].centre is not None
     }
-    if oriented:
+    if placed:
         file = folder / BROUGHT / f"{name}-{path.stem}.csv"
         with whole_file(file) as temporary:
-            listed = {n: replace(p, photo_id=n, file=n) for n, p in oriented.items()}
+            listed = {n: replace(p, photo_id=n, file=n) for n, p in placed.items()}
             write_eo_block(temporary, ExchangeBlock(photos=listed))
         changes["scans", "exterior"] = file.relative_to(folder).as_posix()
     marked = {

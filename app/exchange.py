@@ -336,6 +336,7 @@ def usable_part(
         "points": len(foreign.points),
         "measurements": sum(isinstance(one, Place) for one in decisions),
         "exteriors": sum(foreign.photos[theirs].exterior is not None for theirs in own),
+        "positions": sum(foreign.photos[theirs].position is not None for theirs in own),
         "fiducials": sum(bool(foreign.photos[theirs].fiducials_px) for theirs in own),
     }
     brought = Brought(
@@ -346,7 +347,7 @@ def usable_part(
 
 
 def in_block_crs(foreign: ExchangeBlock, crs: str, path: Path) -> ExchangeBlock:
-    """Points and orientations in the block's CRS; heights stay as they are.
+    """Points, positions and orientations in the block's CRS; heights stay as they are.
 
     A projection turns the axes: photos turn by the angle between both grid norths.
 
@@ -355,7 +356,8 @@ def in_block_crs(foreign: ExchangeBlock, crs: str, path: Path) -> ExchangeBlock:
     """
     if not foreign.crs or read_crs(foreign.crs, path) == read_crs(crs, path):
         return foreign
-    oriented = {n: p.exterior for n, p in foreign.photos.items() if p.exterior is not None}
+    placed = {n: p.centre for n, p in foreign.photos.items() if p.centre is not None}
+    oriented = any(photo.exterior is not None for photo in foreign.photos.values())
     if oriented and not read_crs(foreign.crs, path).is_projected:
         raise CrsError(
             path,
@@ -365,12 +367,13 @@ def in_block_crs(foreign: ExchangeBlock, crs: str, path: Path) -> ExchangeBlock:
             ours=crs,
         )
     places = [point.position for point in foreign.points.values()]
-    places += [tuple(exterior.centre.tolist()) for exterior in oriented.values()]
+    places += placed.values()
     plan = np.array(places).reshape(-1, 3)[:, :2]
     operation = operation_between(foreign.crs, crs, plan, path)
     moved = operation.forward(plan)
     # design: over a kilometre a projection is a turn to a hundredth of a second of arc.
-    ahead = operation.forward(plan + np.array([1000.0, 0.0])) - moved
+    step = np.array([1000.0 if oriented else 0.0, 0.0])
+    ahead = operation.forward(plan + step) - moved
     turns = np.arctan2(ahead[:, 1], ahead[:, 0])
     count = len(foreign.points)
     points = {
@@ -378,12 +381,16 @@ def in_block_crs(foreign: ExchangeBlock, crs: str, path: Path) -> ExchangeBlock:
         for (name, point), (east, north) in zip(foreign.points.items(), moved[:count], strict=True)
     }
     photos = dict(foreign.photos)
-    for (name, exterior), place, turn in zip(
-        oriented.items(), moved[count:], turns[count:], strict=True
+    for (name, (*_, height)), (east, north), turn in zip(
+        placed.items(), moved[count:], turns[count:], strict=True
     ):
+        exterior = photos[name].exterior
+        if exterior is None:
+            photos[name] = replace(photos[name], position=(float(east), float(north), height))
+            continue
         # R_omega R_phi R_kappa turned about the vertical; angles of the whole are taken anew.
         turned = rotation_from_angles(0.0, 0.0, float(turn)) @ exterior.object_from_image
-        centre = np.array([*place, exterior.centre[2]])
+        centre = np.array([east, north, height])
         moved_exterior = ExteriorOrientation(centre, *angles_from_rotation(turned))
         photos[name] = replace(photos[name], exterior=moved_exterior)
     return replace(foreign, crs=crs, points=points, photos=photos)

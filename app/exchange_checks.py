@@ -197,14 +197,14 @@ def check_exteriors(
     """
     if block is None:
         return ()
-    given = ((ours, foreign.photos[t].exterior) for t, ours in own.items() if ours in block.photos)
-    placed = {name: exterior for name, exterior in given if exterior is not None}
+    given = ((ours, foreign.photos[t].centre) for t, ours in own.items() if ours in block.photos)
+    placed = {name: centre for name, centre in given if centre is not None}
     if not placed:
         return ()
     photos = [block.photos[name] for name in placed]
-    centres = np.array([exterior.centre for exterior in placed.values()])
+    centres = np.array(list(placed.values()))
     away = np.hypot(*(centres - [photo.exterior.centre for photo in photos])[:, :2].T)
-    unsure_m, unsure_rad = np.array([_unsure(photo) for photo in photos]).T
+    unsure_m = np.array([_unsure(photo)[0] for photo in photos])
     told: list[str] = []
     if np.median(away - unsure_m) > FAR_M:
         far = say(
@@ -225,11 +225,18 @@ def check_exteriors(
             name=low[0],
         )
     turns = [
-        turn_between(exterior.object_from_image, photo.exterior.object_from_image)
-        for exterior, photo in zip(placed.values(), photos, strict=True)
+        (exterior, block.photos[ours])
+        for theirs, ours in own.items()
+        if ours in placed and (exterior := foreign.photos[theirs].exterior) is not None
     ]
-    off = np.linalg.norm(turns, axis=1)
-    if np.median(off - unsure_rad) > TURNED:
+    off = np.array(
+        [
+            np.linalg.norm(turn_between(e.object_from_image, photo.exterior.object_from_image))
+            for e, photo in turns
+        ]
+    )
+    unsure_rad = np.array([_unsure(photo)[1] for _, photo in turns])
+    if turns and np.median(off - unsure_rad) > TURNED:
         told.append(
             say(
                 "The photos are turned by {angle:.0f} degrees against what the block knew of them: "

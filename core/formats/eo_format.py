@@ -65,13 +65,8 @@ def read_eo_block(
         _check_axes(path, listed, known)
         if said is None and not told:
             _check_angles(path, listed, known)
-    photos = {name: _photo(record) for name, record in listed.records.items() if record.angles}
+    photos = {name: _photo(record) for name, record in listed.records.items()}
     notes = [told] if told else []
-    bare = len(listed.records) - len(photos)
-    if bare:
-        notes.append(
-            say("{count:# row gives|# rows give} a position without angles: left out.", count=bare)
-        )
     steep = list(is_steep(listed.records, STEEP))
     if steep:
         notes.append(
@@ -86,7 +81,13 @@ def read_eo_block(
 
 
 def _photo(record: EoRecord) -> ExchangePhoto:
-    assert record.angles is not None
+    if record.angles is None:
+        return ExchangePhoto(
+            record.scan,
+            record.file,
+            position=record.centre,
+            sigma_centre_m=record.sigma_centre_m,
+        )
     exterior = ExteriorOrientation(np.array(record.centre), *record.angles)
     return ExchangePhoto(
         record.scan,
@@ -229,7 +230,9 @@ def _misfit(listed: ExchangeBlock, known: ExchangeBlock) -> tuple[float, str]:
 def write_eo_block(
     path: Path, block: ExchangeBlock, convention: AngleConvention = PLAIN
 ) -> tuple[str, ...]:
-    """Write the oriented photos of a block, one a row, every digit.
+    """Write the photos of a block that lie anywhere, one a row, every digit.
+
+    Of a photo whose position alone is known the angles stay empty.
 
     Returns:
         What was left out.
@@ -242,13 +245,14 @@ def write_eo_block(
     above = [f"# CRS: {block.crs}"] if block.crs else []
     above.append(f"# angles: {convention.order}, {unit}")
     rows = [["scan", "X", "Y", "Z", *(f"{n}_{unit}" for n in names), *sigmas]]
-    oriented = {name: photo for name, photo in block.photos.items() if photo.exterior is not None}
-    for photo in oriented.values():
-        assert photo.exterior is not None
-        rotation = photo.exterior.object_from_image
-        angles = np.array(angles_of(convention.order, rotation)) / RADIANS[unit]
-        cells = [photo.file or photo.photo_id]
-        cells += [repr(float(value)) for value in (*photo.exterior.centre, *angles)]
+    for photo in block.photos.values():
+        if photo.centre is None:
+            continue
+        cells = [photo.file or photo.photo_id, *_values(photo.centre, 1.0)]
+        turned = None
+        if photo.exterior is not None:
+            turned = angles_of(convention.order, photo.exterior.object_from_image)
+        cells += _values(turned, RADIANS[unit])
         cells += _values(photo.sigma_centre_m, 1.0)
         if plain:
             cells += _values(photo.sigma_angles, RADIANS[unit])
@@ -257,13 +261,13 @@ def write_eo_block(
     return left_out(block, turned=plain)
 
 
-def _values(sigma: Triple | None, unit: float) -> list[str]:
-    return ["", "", ""] if sigma is None else [repr(float(value / unit)) for value in sigma]
+def _values(values: Triple | None, unit: float) -> list[str]:
+    return ["", "", ""] if values is None else [repr(float(value / unit)) for value in values]
 
 
 def left_out(block: ExchangeBlock, *, turned: bool = True) -> tuple[str, ...]:
     """What of a block a list of orientations does not hold, a sentence each."""
-    notes = [*not_oriented(block.photos.values())]
+    notes = [*not_oriented(photo for photo in block.photos.values() if photo.position is None)]
     if not turned and any(photo.sigma_angles for photo in block.photos.values()):
         notes.append(
             say("Standard deviations are those of omega, phi, kappa: angles carry none here.")

@@ -91,10 +91,20 @@ class ExchangePhoto:
     """Measured fiducials: column, row."""
     taken: str = ""
     """Day, month or year of exposure as ISO has it; empty where nobody says."""
+    position: Triple | None = None
+    """Where it was taken, where nobody says how it was turned."""
 
     def __post_init__(self) -> None:
         if self.pixel_from_image is not None:
             object.__setattr__(self, "pixel_from_image", locked(self.pixel_from_image))
+
+    @property
+    def centre(self) -> Triple | None:
+        """Where it was taken, as far as that is known."""
+        if self.exterior is None:
+            return self.position
+        east, north, height = self.exterior.centre.tolist()
+        return east, north, height
 
     @property
     def orientation(self) -> ExteriorOrientation:

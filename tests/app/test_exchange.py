@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pyogrio
 import pytest
+from pyproj.aoi import AreaOfInterest
+from pyproj.transformer import TransformerGroup
 
 from app import exchange
 from app.cli import main
@@ -96,6 +98,28 @@ def test_points_measurements_orientations_and_marks_come_in__truth(
     assert [file.name for file in again.scans.fiducial_measures] == [
         f"MeasuresIm-{block.scans[0].name}.xml"
     ]
+
+
+def test_positions_without_angles_come_in__oracle(block: BlockCopy) -> None:
+    """A log of GNSS positions in degrees, by the way PROJ takes; angles stay unknown."""
+    names = [scan.stem for scan in block.scans[:2]]
+    log = block.folder / "gnss.csv"
+    rows = [f"{names[0]},17.5,49.5,2100,0.4,0.4,0.6", f"{names[1]},17.51,49.5,2101,0.4,0.4,0.6"]
+    heads = "scan,X,Y,Z,sigma_X,sigma_Y,sigma_Z"
+    log.write_text("\n".join(["# CRS: EPSG:4326", heads, *rows]))
+    with Session.open(block.folder, "anna") as session:
+        brought = import_into(read_project(block.folder), session, "eo", log)
+    assert brought.counts == {"positions": 2}
+    records = read_eo_list(read_project(block.folder).scans.exterior)
+    project = read_project(block.folder)
+    area = AreaOfInterest(17.5, 49.5, 17.51, 49.5)
+    way = TransformerGroup("EPSG:4326", project.block.crs, always_xy=True, area_of_interest=area)
+    assert list(records) == names
+    for record, degrees in zip(records.values(), ((17.5, 49.5), (17.51, 49.5)), strict=True):
+        assert record.angles is None
+        assert record.sigma_centre_m == (0.4, 0.4, 0.6)
+        assert record.centre[:2] == pytest.approx(way.transformers[0].transform(*degrees), abs=1e-3)
+    assert [record.centre[2] for record in records.values()] == [2100.0, 2101.0]
 
 
 def test_an_import_is_undone_at_once__law(

@@ -178,8 +178,12 @@ def test_the_header_of_metashape_is_a_comment__truth(tmp_path: Path) -> None:
 
 def test_steep_photos_are_told__truth(tmp_path: Path) -> None:
     block = read_eo_block(written(tmp_path, HEADER + "a,1,2,3,90,0,0\nb,1,2,3,1,1,0\nc,1,2,3,,,\n"))
-    assert set(block.photos) == {"a", "b"}
-    assert [note[:7] for note in block.notes] == ["1 row g", "1 photo"]
+    assert {name: photo.position for name, photo in block.photos.items()} == {
+        "a": None,
+        "b": None,
+        "c": (1.0, 2.0, 3.0),
+    }
+    assert [note[:7] for note in block.notes] == ["1 photo"]
 
 
 turns = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-3.1, 3.1))
