@@ -224,27 +224,33 @@ def check_exteriors(
             "Give heights in metres above the same level as the block's DEM.",
             name=low[0],
         )
-    turns = [
-        (exterior, block.photos[ours])
+    return (*told, *_told_turns(foreign, own, block))
+
+
+def _told_turns(foreign: ExchangeBlock, own: Mapping[str, str], block: Block) -> tuple[str, ...]:
+    """A word where photos are turned otherwise than the block has them."""
+    turned = [
+        (exterior.object_from_image, block.photos[ours])
         for theirs, ours in own.items()
-        if ours in placed and (exterior := foreign.photos[theirs].exterior) is not None
+        if ours in block.photos and (exterior := foreign.photos[theirs].exterior) is not None
     ]
+    if not turned:
+        return ()
     off = np.array(
         [
-            np.linalg.norm(turn_between(e.object_from_image, photo.exterior.object_from_image))
-            for e, photo in turns
+            np.linalg.norm(turn_between(rotation, photo.exterior.object_from_image))
+            for rotation, photo in turned
         ]
     )
-    unsure_rad = np.array([_unsure(photo)[1] for _, photo in turns])
-    if turns and np.median(off - unsure_rad) > TURNED:
-        told.append(
-            say(
-                "The photos are turned by {angle:.0f} degrees against what the block knew of them: "
-                "angles of another unit, order or sign?",
-                angle=float(np.degrees(np.median(off))),
-            )
-        )
-    return tuple(told)
+    if np.median(off - [_unsure(photo)[1] for _, photo in turned]) <= TURNED:
+        return ()
+    return (
+        say(
+            "The photos are turned by {angle:.0f} degrees against what the block knew of them: "
+            "angles of another unit, order or sign?",
+            angle=float(np.degrees(np.median(off))),
+        ),
+    )
 
 
 def _unsure(photo: Photo) -> tuple[float, float]:
