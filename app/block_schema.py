@@ -207,7 +207,11 @@ ORTHO = (
     Key("balance", "flag", True),
     Key("ground", "choice", "dem", choices=get_args(GroundKind)),
 )
-SURFACE = (Key("gsd_m", "number", unit=METRES),)
+SURFACE = (
+    Key("gsd_m", "number", unit=METRES),
+    Key("point_cloud", "flag", False),
+    Key("contours_m", "number", unit=METRES),
+)
 SHEETS = (
     Key("rule", "choice", "", choices=("", "sm5"), asked="more"),
     Key("sm50", "marks", {}),

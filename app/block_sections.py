@@ -350,7 +350,11 @@ def surface_options(document: Document) -> SurfaceOptions | None:
     if "surface" not in document.values:
         return None
     table = document.table("surface")
-    return SurfaceOptions(table.number("gsd_m") if table.has("gsd_m") else None)
+    return SurfaceOptions(
+        table.number("gsd_m") if table.has("gsd_m") else None,
+        table.flag("point_cloud"),
+        table.number("contours_m") if table.has("contours_m") else None,
+    )
 
 
 def ortho_section(document: Document) -> OrthoSection:

@@ -26,7 +26,7 @@ from app.sheets import PRODUCT as SHEETS
 from app.sheets import check_sheets, make_sheets, sheets_line
 from app.stage_lines import STAGE_LINES, adjusted_line
 from app.stand_ins import has_pictures, write_adjusted
-from app.surface import make_block_surface, make_ground, surface_line
+from app.surface import MATCHED, make_block_surface, make_ground, make_layers, surface_line
 from app.terminal import Interruption, Voice, interruptible
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import influence_of
@@ -317,9 +317,11 @@ class Run:
         """The surface from the photos themselves."""
         work = Work(progress, self.threads.map, self.given.name)
         surface = make_block_surface(
-            self.session, self.project, self.adjusted, self.dem(), work, self.anew("surface")
-        )
+            self.session, self.project, self.adjusted, self.dem(), work.part(0.0, MATCHED),
+            self.anew("surface"),
+        )  # fmt: skip
         self.results = replace(self.results, surface=surface)
+        make_layers(self.session, self.project, surface, work.part(MATCHED, 1.0))
         make_ground(self.session, self.project, surface)
         return surface_line(surface)
 

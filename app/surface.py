@@ -17,6 +17,8 @@ from core.progress import Work
 from core.raster.dem import Dem
 from core.said import Said, say
 from core.scans.stage import ScanSet
+from core.surface.cloud import check_cloud_writer, write_cloud
+from core.surface.contours import write_contours
 from core.surface.ground import GroundKind, choose_ground, read_ground
 from core.surface.stage import (
     SurfaceFiles,
@@ -29,6 +31,9 @@ from sessions.atomic_write import whole_file
 from sessions.session import Session
 
 CLASSES, CORRECTIONS = "ground.tif", "ground_correction.tif"
+CLOUD, CONTOURS = "surface.copc.laz", "surface_contours.gpkg"
+# design: shares of the bar on the screen; nothing is computed from them.
+MATCHED, CLOUDED = 0.9, 0.5
 VERSION = 2
 """Counted up when the same inputs give another surface than before."""
 
@@ -61,16 +66,21 @@ def make_block_surface(
 
     Returns:
         The surface, or why there is none; files of an earlier one are then removed.
+
+    Raises:
+        ProjectError: A point cloud is asked for, and no library that writes one is installed.
     """
     digest_of, block = session.products.digest_of, report.block
     options = project.surface or SurfaceOptions()
+    if options.point_cloud:
+        check_cloud_writer(project.file)
     photos = [
         (photo, block.camera_of(name), photo.scan)
         for name, photo in block.photos.items()
         if photo.oriented
     ]
     ground = project.reference.dem or (dem.mean_height(),)
-    inputs = digest_of("surface", VERSION, photos, options, ground, report.tie_positions)
+    inputs = digest_of("surface", VERSION, photos, options.cell_m, ground, report.tie_positions)
     files = SurfaceFiles.within(session.results)
     kept = None if anew else session.products.load_value("surface", digest_of(inputs, files.paths))
     if kept is not None and all(path.is_file() for path in files.paths):
@@ -96,6 +106,40 @@ def make_block_surface(
     product = with_files(made, files)
     session.products.save_value("surface", digest_of(inputs, files.paths), product)
     return product
+
+
+def make_layers(
+    session: Session, project: Project, surface: SurfaceProduct | Failure, work: Work
+) -> None:
+    """Point cloud and contour lines of the surface: made where they are asked for and not fresh.
+
+    Files that nobody asks for any more are removed.
+    """
+    options, crs = project.surface or SurfaceOptions(), project.block.crs
+    interval_m = options.contours_m
+    made = None if isinstance(surface, Failure) else surface.files
+
+    def cloud(part: Path) -> None:
+        if made is not None:
+            write_cloud(part, made, crs, work.part(0.0, CLOUDED))
+
+    def contours(part: Path) -> None:
+        if made is not None and interval_m is not None:
+            write_contours(part, made.surface, interval_m, crs, work.part(CLOUDED, 1.0))
+
+    for name, file, wanted, write in (
+        ("cloud", CLOUD, options.point_cloud, cloud),
+        ("contours", CONTOURS, interval_m is not None, contours),
+    ):
+        path = session.results / file
+        if made is None or not wanted:
+            path.unlink(missing_ok=True)
+            continue
+        inputs = session.products.digest_of(name, VERSION, interval_m, crs, *made.paths)
+        if session.products.load_value(name, session.products.digest_of(inputs, path)) is None:
+            with whole_file(path) as part:
+                write(part)
+            session.products.save_value(name, session.products.digest_of(inputs, path), True)
 
 
 def make_ground(session: Session, project: Project, surface: SurfaceProduct | Failure) -> None:

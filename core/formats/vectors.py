@@ -251,29 +251,45 @@ def write_polygons(
     crs: str,
     append: bool = False,
 ) -> None:
-    """Write one layer of polygons or multipolygons.
+    """Write one layer of polygons or multipolygons; see `write_layer`."""
+    several = any(isinstance(area, shapely.MultiPolygon) for area in areas)
+    kind = "MultiPolygon" if several else "Polygon"
+    write_layer(path, layer, areas, fields, crs=crs, kind=kind, append=append)
+
+
+def write_layer(
+    path: Path,
+    layer: str,
+    geometries: Sequence[BaseGeometry],
+    fields: Mapping[str, np.ndarray],
+    *,
+    crs: str,
+    kind: str,
+    append: bool = False,
+) -> None:
+    """Write one layer of a GeoPackage.
 
     Args:
         path: The GeoPackage, in a folder that can be written to.
         layer: Name of the layer.
-        areas: Geometries of one kind.
+        geometries: Geometries of one kind.
         fields: Attributes by name, one value for each geometry.
         crs: CRS of the coordinates.
+        kind: Their kind as GDAL calls it, such as `Polygon`.
         append: Put the layer into the file that is there.
 
     Raises:
         OSError: The disk is full.
     """
-    several = any(isinstance(area, shapely.MultiPolygon) for area in areas)
     # The time of writing that GDAL puts into a GeoPackage would make every run another file.
     pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": NO_TIME})
     try:
         pyogrio.raw.write(
             path,
-            geometry=np.array([shapely.to_wkb(area) for area in areas], dtype=object),
+            geometry=np.array([shapely.to_wkb(one) for one in geometries], dtype=object),
             field_data=list(fields.values()),
             fields=np.array(list(fields), dtype=object),
-            geometry_type="MultiPolygon" if several else "Polygon",
+            geometry_type=kind,
             crs=crs,
             driver="GPKG",
             layer=layer,

@@ -84,6 +84,10 @@ class SurfaceOptions:
 
     cell_m: float | None = None
     """Size of its cells, metres; None: twice the scans' pixel on the ground."""
+    point_cloud: bool = False
+    """Write it as a point cloud, too."""
+    contours_m: float | None = None
+    """Draw contour lines at this interval, metres; None: none."""
 
 
 @dataclass(frozen=True, slots=True)

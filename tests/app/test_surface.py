@@ -5,7 +5,9 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import laspy
 import numpy as np
+import pyogrio
 import pytest
 import rasterio
 import shapely
@@ -13,9 +15,12 @@ import shapely
 from app.project import read_project
 from app.run import WHEN_ASKED, Run, RunOptions
 from app.surface import (
+    CLOUD,
+    CONTOURS,
     chosen_ground,
     make_block_surface,
     make_ground,
+    make_layers,
     surface_line,
 )
 from core.doubts import Failure
@@ -152,3 +157,30 @@ def test_orthos_stand_on_the_ground_that_was_chosen__truth(asked, tiny_run):
     np.testing.assert_allclose(lift, [30, 5, 5], atol=0.01)
     make_ground(session, project, surface)
     assert not file.exists()
+
+
+def test_point_cloud_and_contours_come_and_go_with_their_keys__law(asked, tiny_run):
+    session, project = asked
+    report, dem = session.products.latest_value("adjustment"), tiny_run.reference.dem
+    wanted = replace(project, surface=SurfaceOptions(CELL_M, point_cloud=True, contours_m=5.0))
+    surface = make_block_surface(session, wanted, report, dem, Work(seed="tiny"))
+    assert not isinstance(surface, Failure)
+    make_layers(session, wanted, surface, Work())
+    cloud, contours = session.results / CLOUD, session.results / CONTOURS
+    with rasterio.open(surface.files.surface) as file:
+        heights = file.read(1, masked=True)
+    assert laspy.read(cloud).header.point_count == heights.count()
+    lines = pyogrio.raw.read(contours)
+    assert (lines[3][0] % 5 == 0).all()
+    assert heights.min() <= lines[3][0].min()
+    assert lines[3][0].max() <= heights.max()
+    made = cloud.stat().st_mtime_ns, contours.stat().st_mtime_ns
+    make_layers(session, wanted, surface, Work())
+    assert (cloud.stat().st_mtime_ns, contours.stat().st_mtime_ns) == made
+    # The surface itself is not made again for either.
+    told = Told()
+    make_block_surface(session, project, report, dem, Work(told, seed="tiny"))
+    assert told.shares == []
+    make_layers(session, project, surface, Work())
+    assert not cloud.exists()
+    assert not contours.exists()
