@@ -2,10 +2,8 @@
 
 import json
 import signal
-import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,12 +11,14 @@ import numpy as np
 import pytest
 import rasterio
 
+from app.cli import main
 from app.run import STAGE_NAMES as EVERY_STAGE
 from app.run import WHEN_ASKED
 from core.synthetic.truth import read_truth
-from sessions.decisions import Recorded
+from sessions.decisions import Accept, Recorded, Reject, Withdraw
 from sessions.session import Session
-from tests.journeys.copies import REPOSITORY, BlockCopy, copied, nearly_placed, started
+from tests.journeys.copies import BlockCopy, copied, nearly_placed, started
+from tests.journeys.forked import Forked
 
 SCANS = 2
 KILLS_A_STAGE = 1
@@ -32,23 +32,6 @@ TABLES = (
     "exterior_orientation.csv",
     "tie_points.csv",
 )
-DECIDES = """
-import json, sys
-from pathlib import Path
-from sessions.decisions import Accept, Reject, Withdraw
-from sessions.session import Session
-pairs = json.loads(sys.argv[2])
-with Session.open(Path(sys.argv[1]), "operator") as session:
-    number = 0
-    for count in range(10_000):
-        pair = pairs[count % len(pairs)]
-        decision = Reject(*pair, "changed") if count % 7 == 3 else Accept(*pair)
-        if count % 5 == 4:
-            decision = Withdraw(number)
-        number = session.record(decision).decision_id
-        print(number, flush=True)
-"""
-"""Decides without end, and says of each decision that it is on the disk."""
 
 
 @dataclass(frozen=True)
@@ -100,28 +83,37 @@ def finished(copy: BlockCopy, *arguments: str) -> dict[str, float]:
     return {event["stage"]: event["seconds"] for event in events if event["event"] == "done"}
 
 
+def decide_without_end(folder: Path, pairs: list[tuple[str, str]]) -> int:
+    """Decides, and says of each decision that it is on the disk."""
+    with Session.open(folder, "operator") as session:
+        number = 0
+        for count in range(10_000):
+            pair = pairs[count % len(pairs)]
+            decision = Reject(*pair, "changed") if count % 7 == 3 else Accept(*pair)
+            if count % 5 == 4:
+                decision = Withdraw(number)
+            number = session.record(decision).decision_id
+            sys.stdout.write(f"{number}\n")
+            sys.stdout.flush()
+    return 0
+
+
 def kill_in(
     copy: BlockCopy, stage: str, seconds: float, rng: np.random.Generator, left: list[int]
 ) -> int:
     """Runs killed at random times within a stage; how many of them were not over before."""
     kills = 0
+    arguments = ["--log-json", "run", str(copy.folder), "--workers", "2"]
     for _ in range(KILLS_A_STAGE):
-        process = started("--log-json", "run", copy.folder, "--workers", "2")
-        for event in events_of(process):
-            if event == {"event": "stage", "stage": stage}:
-                break
-        time.sleep(rng.uniform(0, seconds))
-        process.kill()
-        process.communicate()
-        kills += process.returncode == -signal.SIGKILL
+        with Forked(main, arguments) as process:
+            for line in process.out:
+                if json.loads(line) == {"event": "stage", "stage": stage}:
+                    break
+            time.sleep(rng.uniform(0, seconds))
+            process.kill()
+            kills += process.ended().code == -signal.SIGKILL
         left.append(len(left_over(copy)))
     return kills
-
-
-def events_of(process: subprocess.Popen[str]) -> Iterator[dict[str, object]]:
-    assert process.stdout is not None
-    for line in process.stdout:
-        yield json.loads(line)
 
 
 def decide(copy: BlockCopy, rng: np.random.Generator) -> list[int]:
@@ -129,17 +121,11 @@ def decide(copy: BlockCopy, rng: np.random.Generator) -> list[int]:
     with Session.open(copy.folder, "reader") as session:
         assembly = session.products.latest_value("control")
     pairs = [key for key, value in assembly.report.block.measurements.items() if value.used]
-    process = subprocess.Popen(
-        [sys.executable, "-c", DECIDES, str(copy.folder), json.dumps(pairs)],
-        cwd=REPOSITORY,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    said = [int(process.stdout.readline()) for _ in range(rng.integers(3, 9))]
-    time.sleep(rng.uniform(0, 0.02))
-    process.kill()
-    return said + [int(line) for line in process.communicate()[0].splitlines()]
+    with Forked(decide_without_end, copy.folder, pairs) as process:
+        said = [int(process.out.readline()) for _ in range(rng.integers(3, 9))]
+        time.sleep(rng.uniform(0, 0.02))
+        process.kill()
+        return said + [int(line) for line in process.ended().out.splitlines()]
 
 
 def left_over(copy: BlockCopy) -> list[Path]:

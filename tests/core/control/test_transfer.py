@@ -1,7 +1,10 @@
 """Points measured in one photo, proposed in the others: truth says how many lie where they are."""
 
-from collections.abc import Mapping
+import shutil
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -35,6 +38,26 @@ GRAIN, GRAIN_PX = 6.0, 0.7
 
 Places = dict[str, np.ndarray]
 """Scan pixel (1, 2) of a point by photo."""
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory) -> Callable[[Path, float, int], Block]:
+    """A block over a ground of its own for each seed, rendered once: copies may be spoilt."""
+
+    @cache
+    def render(noise: float, seed: int) -> Block:
+        return rendered_block(tmp_path_factory.mktemp("rendered"), RELIEF_M, noise, seed)[1]
+
+    def copy_into(folder: Path, noise: float, seed: int) -> Block:
+        true = render(noise, seed)
+        return true.with_photos(
+            {
+                name: replace(photo, scan=Path(shutil.copy(photo.scan, folder)))
+                for name, photo in true.photos.items()
+            }
+        )
+
+    return copy_into
 
 
 def as_adjusted(true: Block, rng: np.random.Generator) -> Surroundings:
@@ -146,10 +169,10 @@ def judged_places(
 
 
 @pytest.mark.parametrize(("votes", "listed"), [(1, True), (1, False), (2, False)])
-def test_proposals_lie_where_the_point_truly_is__truth(tmp_path, votes, listed):
+def test_proposals_lie_where_the_point_truly_is__truth(rendered, tmp_path, votes, listed):
     """Strips in opposite directions, 40 m of relief, grain, contrast and scratches."""
     rng = np.random.default_rng(11)
-    _, true = rendered_block(tmp_path, RELIEF_M, noise=25.0, seed=4)
+    true = rendered(tmp_path, 25.0, 4)
     aged(true, rng)
     off, probability, _ = judged(as_adjusted(true, rng), true, rng, votes=votes, listed=listed).T
     sure = probability >= 0.9
@@ -161,12 +184,12 @@ def test_proposals_lie_where_the_point_truly_is__truth(tmp_path, votes, listed):
 
 @pytest.mark.parametrize(("quality", "contrast"), [(100, 0.2), (30, 0.12), (8, 0.3)])
 def test_proposals_on_grainy_and_compressed_scans_say_how_good_they_are__truth(
-    tmp_path, quality, contrast
+    rendered, tmp_path, quality, contrast
 ):
     """Blocks of a JPEG are alike over eight pixels: taken for fine detail, places of 0.9 px were
     said to be known to 0.55 px."""
     rng = np.random.default_rng(17)
-    _, true = rendered_block(tmp_path, RELIEF_M, noise=0.0, seed=9)
+    true = rendered(tmp_path, 0.0, 9)
     compressed(true, quality, contrast, rng)
     rows = judged(as_adjusted(true, rng), true, rng, votes=1, listed=False, points=25)
     off, probability, sigma = rows.T
@@ -209,9 +232,9 @@ def test_probabilities_of_a_film_block_are_borne_out__truth(tiny):
     assert probability.mean() == pytest.approx(right.mean(), abs=0.13)
 
 
-def test_a_place_that_is_gone_is_not_proposed_as_sure__truth(tmp_path):
+def test_a_place_that_is_gone_is_not_proposed_as_sure__truth(rendered, tmp_path):
     rng = np.random.default_rng(5)
-    _, true = rendered_block(tmp_path, RELIEF_M, noise=10.0, seed=2)
+    true = rendered(tmp_path, 10.0, 2)
     changed = true.photos["a2"]
     write(changed.scan, rng.normal(120, 30, (900, 900)))
     around = as_adjusted(true, rng)
@@ -226,16 +249,16 @@ def test_a_place_that_is_gone_is_not_proposed_as_sure__truth(tmp_path):
     assert max(told) < 0.5
 
 
-def test_without_an_oriented_photo_it_says_why__law(tmp_path):
-    _, true = rendered_block(tmp_path, RELIEF_M, seed=2)
+def test_without_an_oriented_photo_it_says_why__law(rendered, tmp_path):
+    true = rendered(tmp_path, 10.0, 2)
     around = as_adjusted(true, np.random.default_rng(1))
     found = transfer_point(around, "P", [Measurement("P", "nowhere", 1.0, 1.0, 0.5)])
     assert isinstance(found, Failure)
 
 
-def test_a_place_beside_it_is_laid_onto_what_other_photos_show__truth(tmp_path):
+def test_a_place_beside_it_is_laid_onto_what_other_photos_show__truth(rendered, tmp_path):
     rng = np.random.default_rng(8)
-    _, true = rendered_block(tmp_path, RELIEF_M, noise=15.0, seed=6)
+    true = rendered(tmp_path, 15.0, 6)
     around = as_adjusted(true, rng)
     before, after = [], []
     for number, ground in enumerate(grounds(rng, 15)):

@@ -1,0 +1,58 @@
+"""Processes forked from one that has loaded the program: loading it takes longer than most do."""
+
+import multiprocessing
+import os
+import sys
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from typing import Self
+
+from tests.journeys.copies import Told
+
+FORKING = multiprocessing.get_context("forkserver")
+FORKING.set_forkserver_preload(["app.run", "app.verbs.run", "tests.journeys.forked"])
+
+
+class Forked:
+    """A function of a module in a process of its own, whose lines are read as it writes them."""
+
+    def __init__(self, function: Callable[..., int], *arguments: object) -> None:
+        pipes = [FORKING.Pipe(duplex=False) for _ in range(2)]
+        theirs = [pipe for _, pipe in pipes]
+        self._process = FORKING.Process(target=_speaking, args=(*theirs, function, arguments))
+        self._process.start()
+        self.out, self.err = (
+            os.fdopen(os.dup(ours.fileno()), encoding="utf-8") for ours, _ in pipes
+        )
+        for pipe in (pipe for both in pipes for pipe in both):
+            pipe.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.kill()
+        self._process.join()
+        self._process.close()
+        self.out.close()
+        self.err.close()
+
+    def kill(self) -> None:
+        """`kill -9`."""
+        self._process.kill()
+
+    def ended(self) -> Told:
+        """What it said and how it ended: minus the signal where one killed it."""
+        out, err = self.out.read(), self.err.read()
+        self._process.join()
+        assert self._process.exitcode is not None
+        return Told(self._process.exitcode, out, err)
+
+
+def _speaking(
+    out: Connection, err: Connection, function: Callable[..., int], arguments: tuple[object, ...]
+) -> None:
+    for number, pipe in enumerate((out, err), start=1):
+        os.dup2(pipe.fileno(), number)
+        pipe.close()
+    sys.exit(function(*arguments))
