@@ -21,6 +21,7 @@ from app.cli import main
 from core.pipeline import STAGES
 from core.synthetic.truth import Truth
 from sessions.session import Session
+from tests.forked import Forked, Told
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -89,32 +90,6 @@ def nearly_placed(copy: BlockCopy, truth: Truth) -> None:
     copy.replace("block.toml", text.replace("[scans]\n", '[scans]\nexterior = "eo.csv"\n'))
 
 
-@dataclass(frozen=True)
-class Told:
-    """What the program said and how it ended."""
-
-    code: int
-    out: str
-    err: str
-
-    @property
-    def message(self) -> str:
-        """The one message of a program that could not go on: file, cause and remedy, no more."""
-        assert self.code == 1, f"{self.code}\n{self.out}\n{self.err}"
-        lines = self.err.splitlines()
-        assert len(lines) == 1, self.err
-        assert lines[0].startswith("gruber: "), self.err
-        assert "Traceback" not in self.out + self.err
-        return lines[0]
-
-    def refuses(self, *words: str | Path) -> None:
-        """One message that has these words in this order, ignoring case."""
-        rest = self.message.lower()
-        for word in words:
-            _, found, rest = rest.partition(str(word).lower())
-            assert found, f"{word!r} not in: {self.message}"
-
-
 def gruber(capsys: pytest.CaptureFixture[str], *arguments: object) -> Told:
     """The command line in this process."""
     capsys.readouterr()
@@ -128,9 +103,8 @@ def gruber(capsys: pytest.CaptureFixture[str], *arguments: object) -> Told:
 
 def run_alone(*arguments: object) -> Told:
     """The command line in a process of its own, where shapes are not checked at every call."""
-    process = started(*arguments)
-    out, err = process.communicate(timeout=600)
-    return Told(process.returncode, out, err)
+    with Forked(main, [str(argument) for argument in arguments]) as process:
+        return process.ended()
 
 
 def started(*arguments: object, **given: Any) -> subprocess.Popen[str]:

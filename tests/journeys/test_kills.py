@@ -17,8 +17,8 @@ from app.run import WHEN_ASKED
 from core.synthetic.truth import read_truth
 from sessions.decisions import Accept, Recorded, Reject, Withdraw
 from sessions.session import Session
+from tests.forked import Forked
 from tests.journeys.copies import BlockCopy, copied, nearly_placed, started
-from tests.journeys.forked import Forked
 
 SCANS = 2
 KILLS_A_STAGE = 1

@@ -37,9 +37,9 @@ gsd_m = 5.0
 """
 
 
-def run_block(folder: Path) -> AdjustmentReport:
+def run_block(folder: Path, *arguments: str) -> AdjustmentReport:
     """Run a block from the command line and return its last adjustment."""
-    told = run_alone("run", folder)
+    told = run_alone("run", folder, *arguments)
     assert told.code == 0, told.err
     with Session.open(folder, "test") as session:
         return cast("AdjustmentReport", session.products.latest_value("adjustment"))

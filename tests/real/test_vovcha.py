@@ -13,7 +13,7 @@ def test_vovcha_is_oriented_and_its_mosaic_close_to_truth__real(
 ) -> None:
     folder = tmp_path / "vovcha-film"
     shutil.copytree(shared_data / "vovcha-film", folder)
-    report = run_block(folder)
+    report = run_block(folder, "--until", "mosaic")
     assert all(photo.oriented for photo in report.block.photos.values())
     accuracy = compare_orthos(folder / "results/mosaic.tif", folder / "truth/archival_ortho.tif")
     # About 1.1 m lie between the two orthophotos themselves; 2.0 m is what was promised.

@@ -1,12 +1,15 @@
 """The session file: whole after every kill, and plain about what is wrong with it."""
 
+import itertools
 import os
 import random
 import shutil
+import signal
 import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -14,47 +17,50 @@ import pytest
 
 from core.errors import StorageError
 from sessions import store
+from sessions.decisions import Place
+from sessions.session import Session
 from sessions.store import Migration, Store
+from tests.forked import Forked
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
-RECORD_FOR_EVER = """
-import sys
-import time
-from pathlib import Path
-from sessions.decisions import Place
-from sessions.session import Session
 
-session = Session.open(Path(sys.argv[1]), sys.argv[2])
-number = 0
-while True:
-    recorded = session.record(Place("P1", "A", float(number), 0.5))
-    print(recorded.decision_id, number, flush=True)
-    number += 1
-    time.sleep(float(sys.argv[3]))
-"""
+def record_for_ever(folder: Path, who: str, pause_s: float) -> int:
+    """Records decisions, and tells of each its number and its place."""
+    session = Session.open(folder, who)
+    for place in itertools.count():
+        recorded = session.record(Place("P1", "A", float(place), 0.5))
+        tell(recorded.decision_id, place)
+        time.sleep(pause_s)
+    return 0
 
 
-def python(script: str, *arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-c", script, *arguments],
-        cwd=REPOSITORY,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+def begin_for_ever(folder: Path) -> int:
+    """Begins sessions, and tells of each before."""
+    for number in itertools.count():
+        tell(number, number)
+        Store.open(folder / f"{number}.gpkg").close()
+    return 0
 
 
-def acknowledged_by(process: subprocess.Popen[str], first: str = "") -> dict[int, int]:
+def begin_one(path: Path) -> int:
+    """Begins a session, or opens that which another began, and appends to it."""
+    file = Store.open(path)
+    file.append("", "x", [("Accept", "{}")])
+    file.close()
+    return 0
+
+
+def tell(*numbers: int) -> None:
+    sys.stdout.write(f"{numbers[0]} {numbers[1]}\n")
+    sys.stdout.flush()
+
+
+def acknowledged_by(process: Forked, first: str = "") -> dict[int, int]:
     """What a process that was killed had printed: the place by the number of the decision."""
-    assert process.stdout is not None
-    assert process.stderr is not None
-    with process.stdout, process.stderr:
-        # Not communicate(), which would lose what readline() has read ahead.
-        output, error = first + process.stdout.read(), process.stderr.read()
-    process.wait()
-    assert error == ""
-    lines = [line for line in output.splitlines(keepends=True) if line.endswith("\n")]
+    told = process.ended()
+    assert (told.code, told.err) == (-signal.SIGKILL, "")
+    lines = [line for line in (first + told.out).splitlines(keepends=True) if line.endswith("\n")]
     return {int(line.split()[0]): int(line.split()[1]) for line in lines}
 
 
@@ -106,12 +112,11 @@ def test_no_decision_is_lost_when_the_process_is_killed__law(tmp_path: Path) -> 
     moments = random.Random(20)
     acknowledged: dict[int, int] = {}
     for _ in range(8):
-        process = python(RECORD_FOR_EVER, str(tmp_path), "ada", "0")
-        assert process.stdout is not None
-        first = process.stdout.readline()
-        time.sleep(moments.uniform(0, 0.08))
-        process.kill()
-        acknowledged |= acknowledged_by(process, first)
+        with Forked(record_for_ever, tmp_path, "ada", 0.0) as process:
+            first = process.out.readline()
+            time.sleep(moments.uniform(0, 0.08))
+            process.kill()
+            acknowledged |= acknowledged_by(process, first)
         file = Store.open(tmp_path / "session.gpkg")
         kept = {row.decision_id: row.decision for row in file.rows()}
         file.close()
@@ -124,25 +129,16 @@ def test_no_decision_is_lost_when_the_process_is_killed__law(tmp_path: Path) -> 
 
 
 def test_a_session_killed_while_it_is_begun_can_be_opened__law(tmp_path: Path) -> None:
-    script = """
-import sys
-from pathlib import Path
-from sessions.store import Store
-
-for number in range(10_000):
-    print(number, number, flush=True)
-    Store.open(Path(sys.argv[1]) / f"{number}.gpkg").close()
-"""
     moments = random.Random(7)
     for attempt in range(4):
         folder = tmp_path / str(attempt)
         folder.mkdir()
-        process = python(script, str(folder))
-        assert process.stdout is not None
-        first = process.stdout.readline()
-        time.sleep(moments.uniform(0, 0.05))
-        process.kill()
-        for number in acknowledged_by(process, first):
+        with Forked(begin_for_ever, folder) as process:
+            first = process.out.readline()
+            time.sleep(moments.uniform(0, 0.05))
+            process.kill()
+            begun = acknowledged_by(process, first)
+        for number in begun:
             file = Store.open(folder / f"{number}.gpkg")
             assert append(file) == 1
             file.close()
@@ -163,15 +159,17 @@ def test_the_journal_of_who_was_killed_at_once_is_taken_away__law(
 
 
 def test_two_processes_append_at_once__law(tmp_path: Path) -> None:
-    processes = [python(RECORD_FOR_EVER, str(tmp_path), who, "0.005") for who in ("ada", "bob")]
     told: set[int] = set()
-    for process in processes:
-        assert process.stdout is not None
-        process.stdout.readline()
-    time.sleep(0.3)
-    for process in processes:
-        process.kill()
-        told |= set(acknowledged_by(process))
+    with (
+        Forked(record_for_ever, tmp_path, "ada", 0.005) as ada,
+        Forked(record_for_ever, tmp_path, "bob", 0.005) as bob,
+    ):
+        for process in (ada, bob):
+            process.out.readline()
+        time.sleep(0.3)
+        for process in (ada, bob):
+            process.kill()
+            told |= set(acknowledged_by(process))
     file = Store.open(tmp_path / "session.gpkg")
     rows = file.rows()
     file.close()
@@ -180,12 +178,11 @@ def test_two_processes_append_at_once__law(tmp_path: Path) -> None:
 
 
 def test_two_processes_may_begin_the_same_session__law(tmp_path: Path) -> None:
-    script = (
-        "import sys; from pathlib import Path; from sessions.store import Store\n"
-        "f = Store.open(Path(sys.argv[1])); f.append('', 'x', [('Accept', '{}')]); f.close()"
-    )
-    processes = [python(script, str(tmp_path / "session.gpkg")) for _ in range(4)]
-    assert [process.communicate()[1] for process in processes] == [""] * 4
+    path = tmp_path / "session.gpkg"
+    with ExitStack() as stack:
+        processes = [stack.enter_context(Forked(begin_one, path)) for _ in range(4)]
+        ends = [process.ended() for process in processes]
+    assert [(told.code, told.err) for told in ends] == [(0, "")] * 4
     assert raw(tmp_path / "session.gpkg", "SELECT count(*) FROM decisions") == [(4,)]
 
 
@@ -327,9 +324,11 @@ for number in range(1000):
 print(len(file.rows()))
 """
     path = tmp_path / "session.gpkg"
-    output, error = python(script, str(path)).communicate()
-    assert error == ""
-    told, kept = output.splitlines()
+    limited = subprocess.run(
+        [sys.executable, "-c", script, str(path)], cwd=REPOSITORY, capture_output=True, text=True
+    )
+    assert limited.stderr == ""
+    told, kept = limited.stdout.splitlines()
     assert "is full" in told
     assert told.split()[0] == kept
     file = Store.open(path)

@@ -4,13 +4,39 @@ import multiprocessing
 import os
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Self
 
-from tests.journeys.copies import Told
-
 FORKING = multiprocessing.get_context("forkserver")
-FORKING.set_forkserver_preload(["app.run", "app.verbs.run", "tests.journeys.forked"])
+FORKING.set_forkserver_preload(["app.run", "app.verbs.run", "pytest", "tests.forked"])
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the program said and how it ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def message(self) -> str:
+        """The one message of a program that could not go on: file, cause and remedy, no more."""
+        assert self.code == 1, f"{self.code}\n{self.out}\n{self.err}"
+        lines = self.err.splitlines()
+        assert len(lines) == 1, self.err
+        assert lines[0].startswith("gruber: "), self.err
+        assert "Traceback" not in self.out + self.err
+        return lines[0]
+
+    def refuses(self, *words: str | Path) -> None:
+        """One message that has these words in this order, ignoring case."""
+        rest = self.message.lower()
+        for word in words:
+            _, found, rest = rest.partition(str(word).lower())
+            assert found, f"{word!r} not in: {self.message}"
 
 
 class Forked:
