@@ -1,18 +1,21 @@
 """Where and how the program is used: no room, no right to write, a taken port, two runs, Ctrl-C."""
 
 import json
+import resource
 import signal
 import socket
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from app.cli import main
 from core.synthetic.truth import read_truth
+from tests.forked import Forked
 from tests.journeys.copies import (
     REPOSITORY,
     BlockCopy,
@@ -211,31 +214,43 @@ def left_over(copy: BlockCopy) -> list[Path]:
     return list(copy.folder.rglob(".*part-*"))
 
 
-LIMITED = """
-import ctypes, os, resource, sys
-kind, size, *command = sys.argv[1:]
-if kind == "full":
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(size), int(size)))
-if kind == "read-only" and os.geteuid() == 0:
+def run_on_a_full_disk(size: int, *arguments: str) -> int:
+    """The command line where no file may grow beyond a size."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+    return main(["run", *arguments])
+
+
+def told_on_a_full_disk(size: int, *arguments: object) -> Told:
+    with Forked(run_on_a_full_disk, size, *map(str, arguments)) as process:
+        return without_libtiff(process.ended())
+
+
+def without_libtiff(told: Told) -> Told:
+    """It speaks for itself when a write fails."""
+    lines = [line for line in told.err.splitlines() if not line.startswith("_tiffWriteProc")]
+    return replace(told, err="\n".join(lines))
+
+
+MAY_NOT_WRITE = """
+import ctypes, os, sys
+if os.geteuid() == 0:
     # Without these two capabilities the rights of files hold for root as well.
     for capability in (1, 2):
         assert ctypes.CDLL(None).prctl(24, capability, 0, 0, 0) == 0
-os.execv(sys.executable, [sys.executable, "-m", "gruber", *command])
+os.execv(sys.executable, [sys.executable, "-m", "gruber", *sys.argv[1:]])
 """
-"""Starts the program on a disk that is full or may not be written."""
+"""Starts the program where it may not write."""
 
 
-def limited(kind: str, size: int, *arguments: object) -> Told:
+def told_where_it_may_not_write(*arguments: object) -> Told:
     process = subprocess.run(
-        [sys.executable, "-c", LIMITED, kind, str(size), *map(str, arguments)],
+        [sys.executable, "-c", MAY_NOT_WRITE, *map(str, arguments)],
         capture_output=True,
         text=True,
         cwd=REPOSITORY,
         check=False,
     )
-    # libtiff speaks for itself when a write fails.
-    lines = [line for line in process.stderr.splitlines() if not line.startswith("_tiffWriteProc")]
-    return Told(process.returncode, process.stdout, "\n".join(lines))
+    return without_libtiff(Told(process.returncode, process.stdout, process.stderr))
 
 
 @pytest.mark.parametrize(
@@ -256,14 +271,14 @@ def test_a_full_disk_is_told_and_leaves_nothing_half__truth(
 ) -> None:
     copy = spoilt.copy
     assert gruber(capsys, "run", copy.folder, "--until", "mosaic").code == 0
-    told = limited("full", size, "run", copy.folder, "--from", first)
+    told = told_on_a_full_disk(size, copy.folder, "--from", first)
     told.refuses(copy.folder, file, "full", "free")
     assert not left_over(copy)
 
 
 def test_a_session_on_a_full_disk_is_told__truth(copy_of: CopyOf) -> None:
     copy = copy_of(1)
-    told = limited("full", 20_000, "run", copy.folder)
+    told = told_on_a_full_disk(20_000, copy.folder)
     told.refuses("session.gpkg", "is full", "Check the free space")
 
 
@@ -275,7 +290,7 @@ def test_a_place_that_may_not_be_written_is_told__truth(
     assert gruber(capsys, "run", folder, "--until", "mosaic").code == 0
     (folder / place).chmod(0o555)
     try:
-        told = limited("read-only", 0, "run", folder, "--from", "orthos", "--until", "mosaic")
+        told = told_where_it_may_not_write("run", folder, "--from", "orthos", "--until", "mosaic")
     finally:
         (folder / place).chmod(0o755)
     told.refuses(folder, place, "may not be written", "Give yourself the right to write")
@@ -284,7 +299,7 @@ def test_a_place_that_may_not_be_written_is_told__truth(
 def test_a_block_that_may_not_be_written_is_told__truth(copy_of: CopyOf) -> None:
     copy = copy_of(1)
     copy.folder.chmod(0o555)
-    told = limited("read-only", 0, "run", copy.folder)
+    told = told_where_it_may_not_write("run", copy.folder)
     copy.folder.chmod(0o755)
     told.refuses(copy.folder, "may not be written", "Give yourself the right to write")
 
@@ -295,7 +310,7 @@ def test_a_block_on_a_read_only_medium_is_told__truth(spoilt: SpoiltRun) -> None
     for path in everything:
         path.chmod(path.stat().st_mode & ~0o222)
     try:
-        told = limited("read-only", 0, "run", folder)
+        told = told_where_it_may_not_write("run", folder)
     finally:
         for path in everything:
             path.chmod(path.stat().st_mode | 0o200)
