@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from app.lessons import sheet
+from app.lessons import sheet, space
 from app.lessons.photo import HALF_MM, camera_with, on_ground, vertical_at
-from core.arrays import FilmPoints
-from core.geometry.collinearity import film_from_object
+from core.arrays import FilmPoints, Scalars
+from core.geometry.collinearity import film_from_object, object_from_film
 from core.geometry.exterior import ExteriorOrientation, angles_from_rotation, rotation_from_angles
 from core.geometry.relative import (
     RayPairs,
@@ -72,7 +72,7 @@ def view(state: sheet.State) -> sheet.View:
     edge = 1.12 * HALF_MM
     canvas = sheet.Canvas(
         "first",
-        (-edge, -edge, edge, edge),
+        (-edge, -1.1 * edge, edge, edge),
         (
             sheet.shape("area", sheet.frame_of(HALF_MM), "film"),
             *(
@@ -80,9 +80,7 @@ def view(state: sheet.State) -> sheet.View:
                 for spot, end in zip(first.tolist(), ends.tolist(), strict=True)
             ),
             *(
-                sheet.shape(
-                    "dots", [spot], "given", f"{i}", number=sheet.Number(p, 0, "µm"), below=p > 0
-                )
+                sheet.shape("dots", [spot], "given", f"{i}", number=sheet.Number(p, 0), below=p > 0)
                 for i, (spot, p) in enumerate(zip(first.tolist(), left.tolist(), strict=True), 1)
             ),
         ),
@@ -90,7 +88,42 @@ def view(state: sheet.State) -> sheet.View:
     )
     rms = float(np.sqrt(np.mean(left**2)))
     figures = {"rms": sheet.Number(rms, 1, "µm")} | elements_of(shown, truth)
-    return sheet.View(figures, (canvas,))
+    return sheet.View(figures, (canvas, scene(first, second, shown)))
+
+
+def scene(first: FilmPoints, second: FilmPoints, shown: RelativeOrientation) -> sheet.Canvas:
+    """Both photos as they are oriented now, and where their rays pass each other."""
+    left = vertical_at(0.0, ABOVE_M)
+    angles = angles_from_rotation(shown.rotation)
+    base = shown.base / shown.base[0] * BASE_M
+    right = ExteriorOrientation(left.centre + base, *angles)
+    times = 0.2 * ABOVE_M / C_MM * 1000
+    shapes = [*space.photo(left, C_MM, times), *space.photo(right, C_MM, times)]
+    for films in zip(first, second, strict=True):
+        ends = nearest(films, (left, right))
+        shapes += [
+            sheet.shape("line", [one.centre, end], "ray")
+            for one, end in zip((left, right), ends, strict=True)
+        ]
+        shapes.append(sheet.shape("line", ends, "bad"))
+        shapes.append(sheet.shape("dots", ends, "bad"))
+    edge = 1.1 * SIDE_M
+    box = (-0.4 * BASE_M, -edge, 0.0, 1.4 * BASE_M, edge, 1.05 * ABOVE_M)
+    return sheet.Canvas("scene", box, tuple(shapes))
+
+
+def nearest(
+    films: tuple[Scalars, Scalars], photos: tuple[ExteriorOrientation, ExteriorOrientation]
+) -> list[Scalars]:
+    """Where the rays of two film points are nearest to each other: a place on each, metres."""
+    camera = camera_with(C_MM)
+    along = [
+        object_from_film(film[None], np.zeros(1), one, camera)[0] - one.centre
+        for film, one in zip(films, photos, strict=True)
+    ]
+    apart = photos[1].centre - photos[0].centre
+    steps = np.linalg.lstsq(np.column_stack([along[0], -along[1]]), apart, rcond=None)[0]
+    return [one.centre + step * way for one, step, way in zip(photos, steps, along, strict=True)]
 
 
 def elements_of(shown: RelativeOrientation, truth: np.ndarray) -> dict[str, sheet.Number]:

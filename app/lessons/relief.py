@@ -1,15 +1,22 @@
 """Relief displacement: the top of a tower leans away from the nadir."""
 
+from itertools import pairwise
+
 import numpy as np
 
-from app.lessons import sheet
+from app.lessons import sheet, space
 from app.lessons.photo import HALF_MM, camera_with, on_film, on_ground, vertical_at
+from core.arrays import FilmPoints
 from core.geometry.collinearity import film_from_object, object_from_film
+from core.geometry.exterior import ExteriorOrientation
 from core.geometry.image_corrections import relief_displacement_mm
+
+SQUARE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+"""Plan of the tower."""
 
 
 def view(state: sheet.State) -> sheet.View:
-    """The tower in a section and on the film."""
+    """The tower in space and on the film."""
     r, h, above = state["r"], state["h"], state["H"]
     camera, exterior = camera_with(state["c"]), vertical_at(0.0, above)
     top, flat = (
@@ -21,21 +28,6 @@ def view(state: sheet.State) -> sheet.View:
     radii = np.linspace(0, HALF_MM, 24)
     lean = relief_displacement_mm(radii, np.full(24, h), above)
     shift, error = sheet.Number(leans, 2, "mm"), sheet.Number(flat - top, 1, "m")
-    reach = max(1.15 * flat, 0.5 * above)
-    section = sheet.Canvas(
-        "section",
-        (-0.12 * reach, -0.1 * above, reach, 1.06 * above),
-        (
-            sheet.shape("line", [(-reach, 0), (2 * reach, 0)], "ground"),
-            sheet.shape("line", [(0, above), (0, 0)], "axis", "plumb"),
-            sheet.shape("line", [(0, above), (flat, 0)], "ray"),
-            sheet.shape("line", [(0, above), (top, 0)], "faint"),
-            sheet.shape("line", [(top, 0), (top, h)], "given", "tower"),
-            sheet.shape("arrow", [(top, 0), (flat, 0)], "bad", number=error, below=True),
-            sheet.shape("dots", [(0, above)], "estimate", "O"),
-            sheet.shape("text", [(0, 0)], "axis", "nadir"),
-        ),
-    )
     film = sheet.Canvas(
         "film",
         (-HALF_MM * 1.06, -HALF_MM * 1.06, HALF_MM * 1.06, HALF_MM * 1.06),
@@ -54,8 +46,41 @@ def view(state: sheet.State) -> sheet.View:
         "ground": error,
         "distance": sheet.Number(top, 0, "m"),
     }
+    scene = tower_in_space(exterior, state["c"], np.array([[foot, 0.0], [r, 0.0]]), h)
     plot = sheet.Plot("r", "leans", (sheet.curve("leans", radii, lean),), (r, leans))
-    return sheet.View(figures, (section, film), {"Δr": shift}, plot)
+    return sheet.View(figures, (scene, film), {"Δr": shift}, plot)
+
+
+def tower_in_space(
+    exterior: ExteriorOrientation, c: float, film: FilmPoints, h: float
+) -> sheet.Canvas:
+    """The tower, the rays to its foot and top, and where an ortho without heights puts the top."""
+    centre, camera = exterior.centre, camera_with(c)
+    above = float(centre[2])
+    foot, flat = object_from_film(film, np.zeros(2), exterior, camera)
+    top = foot + np.array([0.0, 0.0, h])
+    edge = HALF_MM / c * above
+    times = 0.2 * edge / HALF_MM * 1000
+    marks = space.in_space(film, exterior, c, times)
+    half = 0.03 * edge
+    walls = [
+        sheet.shape("area", [foot + a, foot + b, top + b, top + a], "given")
+        for a, b in pairwise(half * np.array([[*at, 0.0] for at in (*SQUARE, SQUARE[0])]))
+    ]
+    error = sheet.Number(float(flat[0] - foot[0]), 1, "m")
+    shapes = (
+        *space.ground(-0.4 * edge, -0.5 * edge, edge, 0.5 * edge),
+        *space.photo(exterior, c, times, "O"),
+        sheet.shape("line", [centre, np.zeros(3)], "axis"),
+        sheet.shape("text", [np.zeros(3)], "axis", "nadir"),
+        *walls,
+        sheet.shape("text", [top], "given", "tower"),
+        *space.rays(centre, [foot], "faint"),
+        *space.rays(centre, [flat]),
+        sheet.shape("arrow", marks, "bad"),
+        sheet.shape("arrow", [foot, flat], "bad", number=error, below=True),
+    )
+    return sheet.Canvas("scene", (-0.4 * edge, -0.5 * edge, 0.0, edge, 0.5 * edge, above), shapes)
 
 
 def ask(rng: np.random.Generator) -> sheet.Asked:

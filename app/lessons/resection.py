@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.lessons import sheet
+from app.lessons import sheet, space
 from app.lessons.photo import HALF_MM, PIXEL_MM, photo_model, vertical_at
 from core.arrays import Matrix, ObjectPoints, PixelPoints
 from core.geometry.collinearity import object_from_film
@@ -96,7 +96,49 @@ def view(state: sheet.State) -> sheet.View:
     ]
     curve = sheet.curve("corner", shares, [worst_of(slopes, one) for one in closer])
     plot = sheet.Plot("share", "corner", (curve,), (1.0, figures["corner"].value))
-    return sheet.View(figures, (canvas,), symbols_of(count), plot if fixed else None)
+    return sheet.View(
+        figures,
+        (canvas, scene(plan, points, covariance)),
+        symbols_of(count),
+        plot if fixed else None,
+    )
+
+
+def scene(plan: Matrix, points: ObjectPoints, covariance: Matrix) -> sheet.Canvas:
+    """The photo above its points, the cylinder through three of them, and the centre's errors."""
+    edge = 1.25 * REACH_M
+    planes = ((0, 1), (0, 2), (1, 2))
+    ovals: list[sheet.Shape] = []
+    for plane in planes if np.isfinite(covariance).all() else ():
+        oval = np.tile(TRUTH.centre, (41, 1))
+        oval[:, plane] = sheet.ellipse(
+            TRUTH.centre[list(plane)], covariance[np.ix_(plane, plane)], TIMES
+        )
+        ovals.append(sheet.shape("line", oval, "estimate"))
+    return sheet.Canvas(
+        "scene",
+        (-edge, -edge, 0.0, edge, edge, 1.15 * ABOVE_M),
+        (
+            *space.ground(-edge, -edge, edge, edge),
+            *cylinder(plan[:3]),
+            *space.photo(TRUTH, C_MM, 0.25 * ABOVE_M / C_MM * 1000, "O"),
+            *space.rays(TRUTH.centre, points),
+            *ovals,
+            *(sheet.shape("dots", [place], "ray", f"{i}") for i, place in enumerate(points, 1)),
+        ),
+    )
+
+
+def cylinder(places: np.ndarray) -> list[sheet.Shape]:
+    """The upright cylinder over the circle of three points, as high as the camera."""
+    turned = [np.array(one.points) for one in circle_through(places)]
+    rings = [
+        np.column_stack([circle, np.full(len(circle), height)])
+        for circle in turned
+        for height in (0.0, ABOVE_M)
+    ]
+    sides = [np.array(pair) for pair in zip(*(ring[:-1:10] for ring in rings), strict=True)]
+    return [sheet.shape("line", line, "axis") for line in (*rings, *sides)]
 
 
 def worst_of(slopes: np.ndarray, covariance: Matrix) -> float:

@@ -24,7 +24,7 @@ Look = Literal[
 """What a shape means; the page gives it its colour. `truth` can be hidden."""
 Kind = Literal["line", "area", "dots", "crosses", "arrow", "text"]
 Places = ArrayLike
-"""Rows of x and y."""
+"""Rows of x and y; of x, y and height in a drawing in space."""
 
 
 class LessonError(PhotogrammetryError):
@@ -91,7 +91,7 @@ class Shape:
     kind: Kind
     """How its points are drawn."""
     points: list[list[float]]
-    """x right, y up, units of the canvas."""
+    """x right, y up, units of the canvas; in space east, north, height."""
     look: Look
     """What it means."""
     label: str = ""
@@ -106,12 +106,13 @@ class Shape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Canvas:
-    """A drawing to scale."""
+    """A drawing to scale, flat or in space."""
 
     name: str
     """Its title in the texts (`canvas.NAME`)."""
-    window: tuple[float, float, float, float]
-    """Left, lower, right, upper edge."""
+    window: tuple[float, float, float, float] | tuple[float, float, float, float, float, float]
+    """Left, lower, right, upper edge; in space, where the page turns it, the corners of a box:
+    west, south, lowest, east, north, highest."""
     shapes: tuple[Shape, ...]
     """Drawn in this order."""
     unit: str = "m"
@@ -252,7 +253,8 @@ def shape(
     below: bool = False,
 ) -> Shape:
     """A part of a drawing; points that are not finite are left out."""
-    places = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+    places = np.asarray(points, dtype=np.float64)
+    places = places.reshape(-1, places.shape[-1] if places.size else 2)
     kept = places[np.isfinite(places).all(axis=1)]
     # A micrometre of a millimetre, a millimetre of a metre: no screen shows less.
     return Shape(kind, np.round(kept, 3).tolist(), look, label, number, handle, below)

@@ -4,9 +4,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from app.lessons import sheet
+from app.lessons import sheet, space
 from app.lessons.photo import HALF_MM, camera_with, on_ground, vertical_at
-from core.arrays import FilmPoints
+from core.arrays import FilmPoints, Matrix, Scalars
 from core.doubts import Failure
 from core.geometry.collinearity import VACUUM, film_from_object
 from core.geometry.intersection import Intersection, OrientedRay, intersect
@@ -73,28 +73,39 @@ def view(state: sheet.State) -> sheet.View:
         "σ_Z": sheet.Number(middle, 2, "m"),
         "σ_p": sheet.Number(np.sqrt(2) * sigma / 1000, 4, "mm"),
     }
-    canvases = (section(base, above, mark, height), pair(measured, marks, split))
+    canvases = (scene(rays, mark, height), pair(measured, marks, split))
     return sheet.View(figures, canvases, symbols, plot)
 
 
-def section(base: float, above: float, mark: float, height: float) -> sheet.Canvas:
-    """Both perspective centres, the mark, and the hidden ground."""
+def scene(rays: list[OrientedRay], mark: float, height: float) -> sheet.Canvas:
+    """Both photos, the rays through the mark, and the hidden ground."""
+    first, second = (ray.exterior for ray in rays)
+    base, above = float(second.centre[0] - first.centre[0]), float(first.centre[2])
     half = max(base / 2, 0.35 * above)
-    slope = np.linspace(-1.5 * half, 1.5 * half, 60)
-    ground = height + 0.03 * above * np.sin(slope / half * 2.2)
-    centres = [(-base / 2, above), (base / 2, above)]
+    c = rays[0].camera.principal_distance_mm
+    times = 0.22 * above / c * 1000
+
+    def hills(plan: Matrix) -> Scalars:
+        return height + 0.03 * above * np.sin(plan[:, 0] / half * 2.2)
+
     return sheet.Canvas(
-        "section",
-        (-1.2 * half, -0.12 * above, 1.2 * half, 1.08 * above),
+        "scene",
+        (-1.2 * half, -half, 0.0, 1.2 * half, half, 1.05 * above),
         (
-            sheet.shape("line", [(-3 * half, 0), (3 * half, 0)], "faint"),
-            sheet.shape("text", [(-1.15 * half, 0)], "axis", "datum", below=True),
-            sheet.shape("line", np.column_stack([slope, ground]), "truth"),
-            *(sheet.shape("line", [centre, (0, mark)], "ray") for centre in centres),
-            sheet.shape("line", centres, "axis", number=sheet.Number(base, 0, "m")),
-            sheet.shape("dots", centres, "given"),
-            sheet.shape("dots", [(0, height)], "truth", "P"),
-            sheet.shape("dots", [(0, mark)], "bad", "mark"),
+            *space.ground(-1.2 * half, -half, 1.2 * half, half),
+            sheet.shape("text", [(-1.2 * half, half, 0.0)], "axis", "datum"),
+            *space.ground(-1.2 * half, -half, 1.2 * half, half, hills, "truth"),
+            *(shape for ray in rays for shape in space.photo(ray.exterior, c, times)),
+            *(
+                shape
+                for ray in rays
+                for shape in space.rays(ray.exterior.centre, [np.array([0.0, 0.0, mark])])
+            ),
+            sheet.shape(
+                "line", [first.centre, second.centre], "axis", number=sheet.Number(base, 0, "m")
+            ),
+            sheet.shape("dots", [(0.0, 0.0, height)], "truth", "P"),
+            sheet.shape("dots", [(0.0, 0.0, mark)], "bad", "mark"),
         ),
     )
 

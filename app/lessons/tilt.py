@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from app.lessons import sheet
-from app.lessons.photo import HALF_MM, camera_with, on_film, tilted_at
+from app.lessons import sheet, space
+from app.lessons.photo import HALF_MM, camera_with, tilted_at
 from core.arrays import FilmPoints, Scalars
 from core.geometry.collinearity import film_from_object, object_from_film
 from core.geometry.exterior import ExteriorOrientation
@@ -26,7 +26,7 @@ def scale_numbers(film: FilmPoints, exterior: ExteriorOrientation, c: float) -> 
 
 
 def view(state: sheet.State) -> sheet.View:
-    """The three points on the film, and in the section through the plumb line."""
+    """The three points on the film, and on their rays in space."""
     c, tilt, direction = state["c"], np.radians(state["t"]), np.radians(state["direction"])
     exterior = tilted_at(ABOVE_M, max(float(tilt), 1e-6), float(direction))
     nadir, iso = (f(exterior, c)[0] for f in (nadir_on_film, isocentre_on_film))
@@ -70,7 +70,7 @@ def view(state: sheet.State) -> sheet.View:
         (at, figures["scale_i"].value),
     )
     symbols = {"n": figures["nadir"], "i": found}
-    return sheet.View(figures, (section(c, float(tilt)), film), symbols, plot)
+    return sheet.View(figures, (scene(exterior, c), film), symbols, plot)
 
 
 def ground_squares(exterior: ExteriorOrientation, c: float, edge: float) -> list[sheet.Shape]:
@@ -101,41 +101,33 @@ def horizon(
     return [sheet.shape("line", [film - 2 * edge * axis, film + 2 * edge * axis], "ray", "horizon")]
 
 
-def section(c: float, tilt: float) -> sheet.Canvas:
-    """The plane through axis and plumb line: film, perspective centre, ground."""
-    exterior = tilted_at(ABOVE_M, max(tilt, 1e-6), 0.0)
+def scene(exterior: ExteriorOrientation, c: float) -> sheet.Canvas:
+    """The photo above level ground, with plumb line, axis, and the line between them."""
     # The film is drawn far larger than the ground, or nothing of it would be seen.
-    size = 0.5 * ABOVE_M / HALF_MM
-    centre = np.array([0.0, ABOVE_M])
-
-    def drawn(x_mm: float) -> np.ndarray:
-        image = exterior.object_from_image @ np.array([x_mm, 0.0, -c])
-        return centre + size * image[[0, 2]]
-
-    nadir, iso = (float(f(exterior, c)[0, 0]) for f in (nadir_on_film, isocentre_on_film))
-    ground = [
-        object_from_film(on_film((x, 0.0)), np.zeros(1), exterior, camera_with(c))[0, 0]
-        for x in (nadir, iso, 0.0)
-    ]
+    times = 0.5 * ABOVE_M / HALF_MM * 1000
+    film = np.concatenate(
+        [nadir_on_film(exterior, c), isocentre_on_film(exterior, c), np.zeros((1, 2))]
+    )
+    ground = object_from_film(film, np.zeros(3), exterior, camera_with(c))
     looks: tuple[sheet.Look, ...] = ("bad", "second", "estimate")
-    rays = [
+    marks = space.in_space(film, exterior, c, times)
+    lines = [
         part
-        for look, x, east, name in zip(looks, (nadir, iso, 0.0), ground, "NIH", strict=True)
+        for look, name, mark, end in zip(looks, "NIH", marks, ground, strict=True)
         for part in (
-            sheet.shape("line", [centre.tolist(), [float(east), 0.0]], look),
-            sheet.shape("dots", [drawn(x)], look, name),
+            sheet.shape("line", [exterior.centre, end], look),
+            sheet.shape("crosses", [end], look),
+            sheet.shape("dots", [mark], look, name),
         )
     ]
     wide = 0.75 * ABOVE_M
     return sheet.Canvas(
-        "section",
-        (-wide, -0.08 * ABOVE_M, wide + 0.2 * ABOVE_M, 1.08 * ABOVE_M),
+        "scene",
+        (-wide, -wide, 0.0, wide, wide, 1.05 * ABOVE_M),
         (
-            sheet.shape("line", [(-3 * wide, 0), (3 * wide, 0)], "ground"),
-            *rays,
-            sheet.shape("line", [drawn(-HALF_MM), drawn(HALF_MM)], "given"),
-            sheet.shape("text", [drawn(HALF_MM)], "given", "photo"),
-            sheet.shape("dots", [centre], "given", "O"),
+            *space.ground(-12 * SIDE_M, -12 * SIDE_M, 12 * SIDE_M, 12 * SIDE_M),
+            *space.photo(exterior, c, times, "O"),
+            *lines,
         ),
     )
 

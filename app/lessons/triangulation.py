@@ -5,8 +5,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from app.lessons import sheet
-from app.lessons.flight import ABOVE_M, C_MM, LOOSE, Flight, Plan, fly
+from app.lessons import sheet, space
+from app.lessons.flight import ABOVE_M, C_MM, LOOSE, Flight, Plan, fly, on_hills
 from app.lessons.photo import PIXEL_MM
 from core.adjustment.accuracy import intersect_checks
 from core.adjustment.adjusted import AdjustmentOptions
@@ -170,7 +170,31 @@ def view(state: sheet.State) -> sheet.View:
     length, width = EXTENT.tolist()
     room = 0.06 * length
     canvas = sheet.Canvas("plan", (-room, -room, length + room, width + room), tuple(shapes))
-    return sheet.View(figures, (canvas,), symbols, plot)
+    return sheet.View(figures, (canvas, scene(flight, off, state)), symbols, plot)
+
+
+def scene(flight: Flight, off: Matrix | None, state: sheet.State) -> sheet.Canvas:
+    """The photos over their hills, with the errors of the ties in space."""
+    relief = state["relief"]
+    length, width = EXTENT.tolist()
+    shapes = [
+        *space.ground(0.0, 0.0, length, width, lambda plan: on_hills(plan, relief)[:, 2]),
+        *(
+            shape
+            for photo in flight.photos.values()
+            for shape in space.photo(photo.exterior, C_MM, 0.15 * ABOVE_M / C_MM * 1000)
+        ),
+        sheet.shape("crosses", on_hills(CONTROL[: int(state["control"])], relief), "given"),
+    ]
+    if off is not None:
+        shown = state["times"] * np.nan_to_num(off)
+        shapes += [
+            sheet.shape("arrow", [place, place + error], "bad")
+            for place, error in zip(flight.ties, shown, strict=True)
+            if error.any()
+        ]
+    box = (0.0, 0.0, 300 - relief, length, width, 300 + ABOVE_M)
+    return sheet.Canvas("scene", box, tuple(shapes))
 
 
 def figures_of(off: Matrix) -> dict[str, sheet.Number]:

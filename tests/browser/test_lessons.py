@@ -120,6 +120,32 @@ def test_a_point_is_dragged_and_pushed_by_keys__law(learn):
     assert wrong == []
 
 
+def test_a_drawing_in_space_is_turned_by_hand_keys_and_buttons__law(learn):
+    page, wrong = learn("tilt")
+    sheet = page.locator("svg.in-space")
+    seen = [sheet.inner_html()]
+    box = sheet.bounding_box()
+    page.mouse.move(box["x"] + 200, box["y"] + 150)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 320, box["y"] + 190, steps=3)
+    page.mouse.up()
+    seen.append(sheet.inner_html())
+    page.mouse.move(box["x"] + 100, box["y"] + 100)
+    assert sheet.inner_html() == seen[-1]
+    sheet.focus()
+    page.keyboard.press("ArrowUp")
+    seen.append(sheet.inner_html())
+    page.locator("[data-side=above]").click()
+    seen.append(sheet.inner_html())
+    assert len(set(seen)) == 4
+    page.locator("[data-side=oblique]").click()
+    assert sheet.inner_html() == seen[0]
+    page.locator("#slider-t").fill("5")
+    settled(page)
+    assert sheet.inner_html() != seen[0]
+    assert wrong == []
+
+
 def test_the_truth_is_shown_on_demand_and_a_link_keeps_the_state__law(learn, lessons):
     page, _ = learn("stereo")
     assert page.locator("[data-figure=height]").count() == 0

@@ -816,6 +816,7 @@ interface Lesson {
 }
 interface LessonShape {
   kind: "line" | "area" | "dots" | "crosses" | "arrow" | "text";
+  /** Of three numbers each in space. */
   points: Pair[];
   look: string;
   label?: string;
@@ -825,7 +826,8 @@ interface LessonShape {
 }
 interface LessonCanvas {
   name: string;
-  window: [left: number, lower: number, right: number, upper: number];
+  /** Left, lower, right, upper edge; in space the corners of a box. */
+  window: number[];
   shapes: LessonShape[];
   unit: string;
   equal: boolean;

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from app.lessons import sheet
-from app.lessons.photo import camera_with, photo_model, vertical_at
+from app.lessons import sheet, space
+from app.lessons.photo import camera_with, photo_model, tilted_at, vertical_at
 from app.teaching import Teacher, find_lessons, plain, state_of
-from core.geometry.collinearity import film_from_object, refraction_constant
+from core.geometry.collinearity import film_from_object, object_from_film, refraction_constant
 from core.geometry.image_corrections import (
     curvature_um,
     image_motion_mm,
@@ -120,6 +120,51 @@ def test_the_tower_on_film_is_where_collinearity_puts_it__truth() -> None:
         film = film_from_object(points, vertical_at(0.0, above), camera_with(152.0))
         lean = figure("relief", "leans", r=r, h=h, H=above)
         assert film[1, 0] - film[0, 0] == pytest.approx(lean, rel=1e-12)
+
+
+def test_a_ray_in_space_leaves_through_its_film_point__truth() -> None:
+    """Centre, enlarged film and the ground that collinearity says are on one line."""
+    exterior, film = tilted_at(1500.0, 0.4, 2.1), np.array([[60.0, -90.0], [-30.0, 10.0]])
+    ground = object_from_film(film, np.zeros(2), exterior, camera_with(152.0))
+    shown = space.in_space(film, exterior, 152.0, 4000.0) - exterior.centre
+    assert np.allclose(np.cross(shown, ground - exterior.centre), 0, atol=1e-6)
+    assert np.linalg.norm(shown, axis=1) == pytest.approx(
+        4 * np.hypot(np.hypot(*film.T), 152.0), rel=1e-12
+    )
+
+
+@pytest.mark.parametrize("name", ["tilt", "relief", "stereo", "resection", "relative"])
+def test_what_is_drawn_in_space_follows_every_slider_of_geometry__law(name: str) -> None:
+    still = {"times", "noise", "seed"}
+    lesson = LESSONS[name]
+
+    def drawn(state: dict[str, float]) -> object:
+        canvases = lesson.view(lesson.start | state).canvases
+        return plain(next(one for one in canvases if len(one.window) == 6))
+
+    for slider in lesson.sliders:
+        if slider.name not in still:
+            other = slider.high if slider.start != slider.high else slider.low
+            assert drawn({slider.name: float(other)}) != drawn({}), slider.name
+
+
+def test_rays_of_an_oriented_pair_meet_in_space__truth() -> None:
+    """Their gaps are as large as the noise: none without it, after least squares."""
+    lesson = LESSONS["relative"]
+
+    def gaps(**state: float) -> float:
+        view = lesson.view(lesson.start | {"noise": 0.0} | state)
+        lines = [
+            np.array(one.points)
+            for one in view.canvases[1].shapes
+            if (one.kind, one.look) == ("line", "bad")
+        ]
+        assert len(lines) == 6
+        return max(float(np.linalg.norm(line[1] - line[0])) for line in lines)
+
+    # Places are drawn to a millimetre.
+    assert gaps(solve=1) < 0.005
+    assert gaps(solve=0) > 5
 
 
 def test_film_shape_is_found_as_it_was_put_in__truth() -> None:

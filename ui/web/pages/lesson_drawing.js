@@ -1,10 +1,12 @@
 // The drawings of a lesson: shapes to scale, labels beside them, handles that move sliders.
-import { element, svg } from "./words.js";
+import { element, svg, word } from "./words.js";
 import { told } from "./lesson_numbers.js";
+import { STANCES, isInSpace, letTurn, seenFrom, sides } from "./lesson_space.js";
 
 const PAD = 14; // css pixels around a drawing
 const HANDLE = 9;
 const BAR_SHARE = 0.22; // of a drawing's width, at most
+const LETTER = 8.5; // of a label with its distance from its place, css pixels
 const HEAD = 9; // length of an arrow's head, css pixels
 const state = {
   /** @type {{ canvas: LessonCanvas, names: [string, string], scale: Scale } | null} */
@@ -20,21 +22,34 @@ const state = {
 
 /**
  * Rooms for drawings; each shows a canvas when it is told to.
- * @param {HTMLElement} room @param {number} count @param {Doer} doer
+ * @param {HTMLElement} room @param {LessonCanvas[]} first @param {Doer} doer
  */
-export function drawingRooms(room, count, doer) {
-  const rooms = Array.from({ length: count }, () => {
-    const sheet = svg("svg", { role: "img" });
-    const title = element("figcaption");
-    return { sheet, title, box: element("figure", { class: "drawing" }, title, sheet) };
-  });
+export function drawingRooms(room, first, doer) {
+  const rooms = first.map((canvas) => drawingRoom(canvas, doer));
   room.replaceChildren(...rooms.map(({ box }) => box));
-  return (/** @type {LessonCanvas[]} */ canvases) => canvases.forEach((canvas, place) => {
-    const { sheet, title } = rooms[place];
+  return (/** @type {LessonCanvas[]} */ canvases) =>
+    canvases.forEach((canvas, place) => rooms[place].show(canvas));
+}
+
+/** @param {LessonCanvas} first @param {Doer} doer */
+function drawingRoom(first, doer) {
+  let canvas = first;
+  const stance = /** @type {import("./lesson_space.js").Stance} */ ([...STANCES.oblique]);
+  const sheet = /** @type {SVGSVGElement} */ (svg("svg", { role: "img" }));
+  const title = element("figcaption");
+  const box = element("figure", { class: "drawing" }, title, sheet);
+  const again = () => draw(sheet, isInSpace(canvas) ? seenFrom(canvas, stance) : canvas, doer);
+  if (isInSpace(first)) {
+    letTurn(sheet, stance, again);
+    box.append(sides(stance, again));
+  }
+  return { box, show: (/** @type {LessonCanvas} */ newest) => {
+    canvas = newest;
     title.textContent = doer.text(`canvas.${canvas.name}`);
-    sheet.setAttribute("aria-label", title.textContent);
-    draw(/** @type {SVGSVGElement} */ (sheet), canvas, doer);
-  });
+    sheet.setAttribute("aria-label", isInSpace(canvas)
+      ? `${title.textContent} (${word("teach.turned")})` : title.textContent);
+    again();
+  } };
 }
 
 /** @param {SVGSVGElement} sheet @param {LessonCanvas} canvas @param {Doer} doer */
@@ -46,7 +61,7 @@ function draw(sheet, canvas, doer) {
   const focus = [...sheet.querySelectorAll(".handle")].indexOf(
     /** @type {Element} */ (document.activeElement));
   const ordered = [...canvas.shapes.filter(({ handle }) => !handle), ...handles];
-  sheet.setAttribute("role", handles.length ? "group" : "img");
+  sheet.setAttribute("role", handles.length || sheet.hasAttribute("tabindex") ? "group" : "img");
   sheet.setAttribute("viewBox", `0 0 ${width} ${height}`);
   sheet.replaceChildren(...ordered.flatMap((shape) => parts(shape, scale)),
     ...ordered.flatMap((shape) => label(shape, scale, doer, width)),
@@ -122,7 +137,7 @@ function label({ kind, points, look, label: key, number: shown, below }, { x, y 
   const upright = (kind === "line" || kind === "arrow") && points.length === 2
     && Math.abs(x(points[1][0]) - x(points[0][0])) < Math.abs(y(points[1][1]) - y(points[0][1]));
   const beside = !middle || upright;
-  const late = left > 0.8 * width;
+  const late = left + LETTER * text.length > width;
   const lower = below ? 19 : beside ? -6 : -10;
   return [svg("text", {
     class: `label look-${look}`, x: left + (beside ? (late ? -9 : 9) : 0), y: down + lower,

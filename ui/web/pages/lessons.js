@@ -209,7 +209,7 @@ async function askNewest() {
 function show() {
   const { view, lesson } = state;
   if (!view) return;
-  state.show ??= drawingRooms(byId("drawings"), view.canvases.length, {
+  state.show ??= drawingRooms(byId("drawings"), view.canvases, {
     text, move, describe: (names) => names.map((name) => text(`slider.${name}`)).join(", "),
   });
   showFormulas(view, lesson);
