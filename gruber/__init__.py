@@ -1,15 +1,15 @@
 """`import gruber`: blocks from a notebook or a script; a thin layer over the other rooms.
 
 Examples are in docs/python/examples.md; the tests run them. A name is imported once it is asked
-for: the program `gruber` passes here too, and its help waits for no engine.
+for: the program `gruber` passes here too, its help waits for no engine, and it says how many
+threads linear algebra has before anything loads it.
 """
 
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
-from core.errors import PhotogrammetryError
-
 if TYPE_CHECKING:
+    from core.errors import PhotogrammetryError
     from gruber.block import Block, open_block
     from gruber.formats import read, write
     from gruber.tables import as_geodataframe
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["Block", "PhotogrammetryError", "as_geodataframe", "open_block", "read", "write"]
 _LATER = {
     "Block": "gruber.block", "open_block": "gruber.block", "as_geodataframe": "gruber.tables",
-    "read": "gruber.formats", "write": "gruber.formats",
+    "read": "gruber.formats", "write": "gruber.formats", "PhotogrammetryError": "core.errors",
 }  # fmt: skip
 
 

@@ -46,6 +46,9 @@ FAR = 3.0  # design: beyond 3 sigma a good coordinate is one in four hundred.
 # eight points it would bend to their errors.
 QUADRATIC = 8
 """So many known points along a strip allow it to be bent; fewer only to be shifted and turned."""
+# design: an error of a point of such a line comes back some fifty times as large beside it.
+ON_A_LINE = 0.02
+"""Points that spread across by less than this share of their length leave a strip loose."""
 Left = Float64[np.ndarray, "left 3"]
 """What is left at known points: E, N, height, metres."""
 Known = dict[int, Position]
@@ -154,6 +157,11 @@ def triangulate_strips(
                 f"the strip from {strip.photo_ids[0]} to {strip.photo_ids[-1]} has fewer than "
                 "three points that are known"
             )
+        if _on_a_line(strip, known):
+            return Failure(
+                f"the known points of the strip from {strip.photo_ids[0]} to {strip.photo_ids[-1]} "
+                "lie on a line, about which it can turn"
+            )
         places, turn, residual = bend_strip(strip, known)
         left.append(residual)
         placed = dict(zip(strip.numbers.tolist(), places, strict=True))
@@ -206,6 +214,13 @@ def joined_strip(names: Sequence[str], models: Sequence[StereoModel]) -> _Strip 
 def _shared(strip: _Strip, known: Known) -> int:
     """How many of a strip's points are known."""
     return int(np.isin(strip.numbers, list(known)).sum())
+
+
+def _on_a_line(strip: _Strip, known: Known) -> bool:
+    """Whether a strip's known points lie on one line in plan."""
+    plan = np.array([known[number][:2] for number in strip.numbers.tolist() if number in known])
+    long, wide = np.linalg.svd(plan - plan.mean(axis=0), compute_uv=False)
+    return bool(wide < ON_A_LINE * long)
 
 
 def bend_strip(strip: _Strip, known: Known) -> tuple[ObjectPoints, Rotation, Left]:

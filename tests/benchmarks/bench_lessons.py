@@ -1,47 +1,126 @@
-"""How fast a lesson's picture follows its slider, as the page itself measures it in Chromium.
+"""How fast a lesson's picture follows its slider: alone in Chromium, and among a class of thirty.
 
 Run: python -m tests.benchmarks.bench_lessons
 """
 
+import asyncio
+import os
+import subprocess
 import sys
+import threading
 import time
+from collections.abc import Generator
+from contextlib import contextmanager
 
+import aiohttp
 import numpy as np
 
-from app.teaching import find_lessons, open_teaching
-from tests.benchmarks.desk_browser import browser, told
+from app.lessons.sheet import Lesson, Slider
+from app.teaching import find_lessons
+from tests.benchmarks.desk_browser import HOME, address_of, browser, told
 from tests.benchmarks.large_desk import say_row
 
 PROMISES_MS = (100, 250)
 """Median, and the time that 95 of 100 moves keep."""
+CLASS, CLASS_MS = 30, 1000
+"""Students besides the one in Chromium, and the time that 95 of 100 moves of either keep."""
+PAUSE_S = 1.0
+"""A student looks so long, at most, at what was moved."""
 MOVES = 20
 READY = "#figures b"
 
 
+@contextmanager
+def taught() -> Generator[str]:
+    """`gruber teach` in a process of its own: its address."""
+    command = [sys.executable, "-m", "gruber", "teach", "--no-browser", "--port", "0"]
+    environment = {**os.environ, "PYTHONPATH": str(HOME), "PYTHONUNBUFFERED": "1"}
+    process = subprocess.Popen(
+        command, cwd=HOME, env=environment, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        yield address_of(process)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def sliders_of(lesson: Lesson) -> list[Slider]:
+    """Those that stand beside the drawing."""
+    return [one for one in lesson.sliders if not one.moved_in and not one.is_switch]
+
+
+def moved_in(page, url: str, lesson: Lesson, moves: int) -> list[float]:
+    """The first slider of a lesson over its range: milliseconds until each picture stood."""
+    page.goto(f"{url}&lesson={lesson.name}")
+    page.wait_for_selector(READY)
+    slider = next(one for one in sliders_of(lesson) if page.locator(f"#slider-{one.name}").count())
+    page.evaluate("gruber.state.waits.length = 0")
+    for value in np.linspace(slider.low, slider.high, moves):
+        page.locator(f"#slider-{slider.name}").fill(f"{value:.6g}")
+        page.wait_for_function("!gruber.state.asking")
+        time.sleep(0.01)
+    return page.evaluate("gruber.state.waits")
+
+
+async def learn(url: str, lesson: Lesson, seed: int, over: threading.Event) -> list[float]:
+    """One student without a browser, who moves sliders as the page would."""
+    rng, waits = np.random.default_rng(seed), list[float]()
+    jar = aiohttp.CookieJar(unsafe=True)
+    async with aiohttp.ClientSession(cookie_jar=jar) as session:
+        async with session.get(url) as page:
+            base = page.url.origin()
+        state = lesson.start
+        while not over.is_set():
+            slider = sliders_of(lesson)[rng.integers(len(sliders_of(lesson)))]
+            steps = round((slider.high - slider.low) / slider.step)
+            state[slider.name] = slider.low + slider.step * int(rng.integers(steps + 1))
+            began = time.perf_counter()
+            asked = {"state": state, "truth": False}
+            async with session.post(base / "lesson" / lesson.name, json=asked) as answer:
+                assert answer.status == 200, await answer.text()
+                await answer.read()
+            waits.append(1000 * (time.perf_counter() - began))
+            await asyncio.sleep(rng.uniform(0, PAUSE_S))
+    return waits
+
+
+def sit_class(url: str, lessons: list[Lesson], over: threading.Event, waits: list[float]) -> None:
+    """Thirty students at once, each at a lesson of the list in turn."""
+
+    async def all_of_them() -> list[list[float]]:
+        students = (
+            learn(url, lessons[number % len(lessons)], number, over) for number in range(CLASS)
+        )
+        return await asyncio.gather(*students)
+
+    waits.extend(wait for each in asyncio.run(all_of_them()) for wait in each)
+
+
 def main() -> int:
-    """Every lesson's first slider, moved twenty times; 1 when a promise is broken."""
-    lessons, waits = find_lessons(), []
-    with open_teaching(lessons, "127.0.0.1", 0) as teaching, browser() as chromium:
+    """Every lesson's first slider, alone and in the class; 1 when a promise is broken."""
+    lessons = list(find_lessons().values())
+    alone, among, others = list[float](), list[float](), list[float]()
+    with taught() as url, browser() as chromium:
         # The page forbids scripts made of text, by which Playwright waits.
         page = chromium.new_page(bypass_csp=True)
-        for name, lesson in lessons.items():
-            page.goto(f"{teaching.url}&lesson={name}")
-            page.wait_for_selector(READY)
-            slider = next(
-                s
-                for s in lesson.sliders
-                if not s.moved_in and not s.is_switch and page.locator(f"#slider-{s.name}").count()
-            )
-            page.evaluate("gruber.state.waits.length = 0")
-            for value in np.linspace(slider.low, slider.high, MOVES):
-                page.locator(f"#slider-{slider.name}").fill(f"{value:.6g}")
-                page.wait_for_function("!gruber.state.asking")
-                time.sleep(0.01)
-            waits += page.evaluate("gruber.state.waits")
-            say_row(name, told(page.evaluate("gruber.state.waits")))
-    say_row("all lessons", told(waits))
+        for lesson in lessons:
+            waits = moved_in(page, url, lesson, MOVES)
+            alone += waits
+            say_row(lesson.name, told(waits))
+        say_row("all lessons", told(alone))
+        over = threading.Event()
+        students = threading.Thread(target=sit_class, args=(url, lessons, over, others))
+        students.start()
+        for lesson in lessons:
+            among += moved_in(page, url, lesson, MOVES // 4)
+        over.set()
+        students.join()
+        say_row(f"all lessons in Chromium, beside {CLASS} students", told(among))
+        say_row(f"the {CLASS} students", told(others))
     median, most = PROMISES_MS
-    return int(np.median(waits) > median or np.percentile(waits, 95) > most)
+    slow = np.median(alone) > median or np.percentile(alone, 95) > most
+    return int(slow or max(np.percentile(each, 95) for each in (among, others)) > CLASS_MS)
 
 
 if __name__ == "__main__":

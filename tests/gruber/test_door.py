@@ -1,7 +1,11 @@
 """The Python door: its examples run, and it says what tables and session say."""
 
+import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -180,3 +184,16 @@ def test_a_block_says_what_it_is__law(tiny_run: Tiny, tiny_block: Path, tmp_path
     shutil.copytree(tiny_block, tmp_path / "new", ignore=bare)
     assert "not run yet" in repr(gruber.open_block(tmp_path / "new", quiet=True))
     assert not (tmp_path / "new" / "results").exists()
+
+
+def test_the_program_loads_linear_algebra_with_one_thread__law() -> None:
+    """Its own threads are as many as there are processors; more only wait for each other."""
+    told = "import gruber.__main__, json, numpy, threadpoolctl; "
+    told += "print(json.dumps(threadpoolctl.threadpool_info()))"
+    environment = {name: value for name, value in os.environ.items() if "NUM_THREADS" not in name}
+    done = subprocess.run(
+        [sys.executable, "-c", told], env=environment, capture_output=True, text=True, check=True
+    )
+    blas = [one for one in json.loads(done.stdout) if one["user_api"] == "blas"]
+    assert blas
+    assert all(one["num_threads"] == 1 for one in blas)

@@ -279,6 +279,18 @@ def test_four_methods_on_one_flight_rank_as_the_books_say__paper() -> None:
     assert set(few.figures) == {"delta"}
 
 
+def test_each_method_is_shown_or_said_to_be_impossible_with_any_control__law() -> None:
+    """Five known points hold a strip by three on one line: it could turn about them."""
+    lesson, shown = LESSONS["triangulation"], {}
+    for method in (1, 2, 3, 4):
+        for count in range(2, 13):
+            view = lesson.view(lesson.start | {"method": method, "control": count})
+            assert all(np.isfinite(one.value) for one in view.figures.values())
+            shown[method, count] = "plan" in view.figures
+    assert [count for count in range(2, 13) if not shown[2, count]] == [2, 3, 4, 5, 6]
+    assert all(shown[method, 12] for method in (1, 2, 3, 4))
+
+
 def test_unchanged_ground_is_found_by_all_and_changed_ground_by_edges__truth() -> None:
     def hits(operator: int, changed: int) -> int:
         return sum(
