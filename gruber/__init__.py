@@ -12,12 +12,22 @@ if TYPE_CHECKING:
     from core.errors import PhotogrammetryError
     from gruber.block import Block, open_block
     from gruber.formats import read, write
+    from gruber.lessons import lesson
     from gruber.tables import as_geodataframe
 
-__all__ = ["Block", "PhotogrammetryError", "as_geodataframe", "open_block", "read", "write"]
+__all__ = [
+    "Block",
+    "PhotogrammetryError",
+    "as_geodataframe",
+    "lesson",
+    "open_block",
+    "read",
+    "write",
+]
 _LATER = {
     "Block": "gruber.block", "open_block": "gruber.block", "as_geodataframe": "gruber.tables",
     "read": "gruber.formats", "write": "gruber.formats", "PhotogrammetryError": "core.errors",
+    "lesson": "gruber.lessons",
 }  # fmt: skip
 
 

@@ -186,6 +186,37 @@ def test_least_squares_find_the_relative_orientation_that_was_hidden__truth() ->
             assert view.figures[name].value == pytest.approx(view.figures[name].truth, abs=1e-3)
 
 
+def test_the_way_that_is_told_takes_parallaxes_away_by_hand__truth() -> None:
+    """Four rounds with the over-correction of omega leave what the steps of the sliders leave."""
+    lesson, over = LESSONS["relative"], {"omega": 1.0}
+    for seed in (1, 2):
+        hand = lesson.start | {"seed": seed}
+        for _ in range(4):
+            for name, point in {"by": 2, "kappa": 1, "bz": 4, "phi": 3, "omega": 5}.items():
+                goal = -over.get(name, 0.0) * left_at(lesson, hand, point)
+                hand[name] = turned_until(lesson, hand, name, point, goal)
+        assert lesson.view(hand).figures["rms"].value < 60
+
+
+def left_at(lesson: sheet.Lesson, state: sheet.State, point: int) -> float:
+    shapes = lesson.view(state).canvases[0].shapes
+    return next(one.number.value for one in shapes if one.label == f"{point}" and one.number)
+
+
+def turned_until(
+    lesson: sheet.Lesson, hand: dict[str, float], name: str, point: int, goal: float
+) -> float:
+    """A slider halved to where the arrow of a point is as long as wanted, in whole steps."""
+    slider = next(one for one in lesson.sliders if one.name == name)
+    low, high = slider.low, slider.high
+    rises = left_at(lesson, hand | {name: high}, point) > left_at(lesson, hand | {name: low}, point)
+    while high - low > slider.step:
+        middle = (low + high) / 2
+        above = left_at(lesson, hand | {name: middle}, point) > goal
+        low, high = (low, middle) if above == rises else (middle, high)
+    return slider.low + slider.step * round((low - slider.low) / slider.step)
+
+
 def test_by_hand_the_hidden_elements_leave_no_parallax__truth() -> None:
     lesson = LESSONS["relative"]
     found = lesson.view(lesson.start | {"solve": 1, "noise": 0}).figures

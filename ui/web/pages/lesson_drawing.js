@@ -42,6 +42,7 @@ function drawingRoom(first, doer) {
   if (isInSpace(first)) {
     letTurn(sheet, stance, again);
     box.append(sides(stance, again));
+    box.title = word("teach.turned");
   }
   return { box, show: (/** @type {LessonCanvas} */ newest) => {
     canvas = newest;
