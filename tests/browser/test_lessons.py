@@ -1,12 +1,17 @@
 """The lessons in a browser: each opened, moved, and its question answered wrong and right."""
 
 import re
+from urllib.parse import urlencode
 
 import pytest
 
-from app.teaching import Teacher, find_lessons, open_teaching
+from app.teaching import Teacher, find_lessons, open_teaching, state_of
+from tests.app.lessons.test_textbook import CHECKS
 
 READY = "#figures b"
+SHOWN = """name => [...document.querySelectorAll(name === "sigma_z"
+  // The lesson's point lies above the datum; what is printed of heights is of the datum.
+  ? "#formulas .equation:first-child mtext" : `[data-figure="${name}"] b`)].at(-1).textContent"""
 LESSONS = find_lessons()
 
 
@@ -86,6 +91,24 @@ def test_a_lesson_is_moved_and_answered_without_an_error__law(learn, name):
         after = page.locator("#drawings").inner_html() + page.locator("#below").inner_html()
         assert before != after, slider.name
     answer_wrong_and_right(page, teacher, name)
+    assert wrong == []
+
+
+@pytest.mark.parametrize("name", sorted({name for name, *_ in CHECKS}))
+def test_the_number_on_screen_is_that_of_engine_and_print__paper(learn, lessons, name):
+    """Every row of the table of textbook values, opened as a link."""
+    page, wrong = learn(name)
+    for state, figure, printed, tolerance, source in (row for own, *row in CHECKS if own == name):
+        page.goto(f"{lessons.url}&{urlencode({'lesson': name} | state)}")
+        page.wait_for_selector(READY)
+        text = page.evaluate(SHOWN, figure)
+        number, decimals = re.match(r"([\u2212\d\u202f]+)(?:\.(\d+))?", text).groups()
+        said = number.replace("\u2212", "-").replace("\u202f", "") + f".{decimals or 0}"
+        view = LESSONS[name].view(state_of(LESSONS[name], state))
+        engine = (view.symbols["σ_Z"] if figure == "sigma_z" else view.figures[figure]).value
+        half = 0.5 * 10.0 ** -len(decimals or "")
+        assert float(said) == pytest.approx(engine, abs=1.001 * half), source
+        assert float(said) == pytest.approx(printed, abs=tolerance + half), source
     assert wrong == []
 
 

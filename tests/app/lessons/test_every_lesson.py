@@ -133,7 +133,7 @@ def test_a_ray_in_space_leaves_through_its_film_point__truth() -> None:
     )
 
 
-@pytest.mark.parametrize("name", ["tilt", "relief", "stereo", "resection", "relative"])
+@pytest.mark.parametrize("name", ["tilt", "relief", "stereo", "resection", "relative", "absolute"])
 def test_what_is_drawn_in_space_follows_every_slider_of_geometry__law(name: str) -> None:
     still = {"times", "noise", "seed"}
     lesson = LESSONS[name]
@@ -320,6 +320,20 @@ def test_each_method_is_shown_or_said_to_be_impossible_with_any_control__law() -
             shown[method, count] = "plan" in view.figures
     assert [count for count in range(2, 13) if not shown[2, count]] == [2, 3, 4, 5, 6]
     assert all(shown[method, 12] for method in (1, 2, 3, 4))
+
+
+def test_absolute_orientation_finds_what_was_hidden__truth() -> None:
+    """By least squares without noise wholly, by hand as well as the sliders' steps allow."""
+    lesson = LESSONS["absolute"]
+    for count in (3, 8):
+        found = lesson.view(lesson.start | {"solve": 1, "noise": 0, "n": count}).figures
+        assert found["plan"].value < 1e-6
+        hidden = {name: one.truth for name, one in found.items() if one.truth is not None}
+        assert len(hidden) == 4
+        for name, truth in hidden.items():
+            assert found[name].value == pytest.approx(truth, abs=1e-9)
+        hand = lesson.view(lesson.start | hidden | {"noise": 0}).figures
+        assert max(hand["plan"].value, hand["height"].value) < 1e-6
 
 
 def test_unchanged_ground_is_found_by_all_and_changed_ground_by_edges__truth() -> None:
