@@ -123,6 +123,8 @@ def answer_wrong_and_right(page, teacher, name):
     page.locator("#check").click()
     page.wait_for_selector("#said.right")
     assert page.locator("#score").inner_text() == "1 of 1 right"
+    done = page.locator("#list [data-done]")
+    assert [one.get_attribute("data-lesson") for one in done.all()] == [name]
 
 
 def test_a_point_is_dragged_and_pushed_by_keys__law(learn):

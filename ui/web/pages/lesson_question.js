@@ -1,5 +1,5 @@
 // The question of a lesson: new numbers each time, judged by the engine, kept for a table.
-import { byId, element, number, numberOf, word } from "./words.js";
+import { all, byId, element, number, numberOf, word } from "./words.js";
 import { post, tell } from "./run.js";
 import { told } from "./lesson_numbers.js";
 
@@ -99,6 +99,10 @@ function keep(lesson, answer, right) {
 export function showScore() {
   const rows = kept();
   const right = rows.filter((one) => one.right).length;
+  for (const button of all("#list button")) {
+    const done = rows.some((one) => one.right && one.lesson === button.dataset.lesson);
+    button.toggleAttribute("data-done", done);
+  }
   byId("score").textContent = rows.length ? word("teach.score", { right, count: rows.length }) : "";
 }
 
