@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Generator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
 import aiohttp
@@ -74,7 +75,8 @@ async def learn(url: str, lesson: Lesson, seed: int, over: threading.Event) -> l
         while not over.is_set():
             slider = sliders_of(lesson)[rng.integers(len(sliders_of(lesson)))]
             steps = round((slider.high - slider.low) / slider.step)
-            state[slider.name] = slider.low + slider.step * int(rng.integers(steps + 1))
+            value = slider.low + slider.step * int(rng.integers(steps + 1))
+            state[slider.name] = min(value, slider.high)
             began = time.perf_counter()
             asked = {"state": state, "truth": False}
             async with session.post(base / "lesson" / lesson.name, json=asked) as answer:
@@ -85,8 +87,8 @@ async def learn(url: str, lesson: Lesson, seed: int, over: threading.Event) -> l
     return waits
 
 
-def sit_class(url: str, lessons: list[Lesson], over: threading.Event, waits: list[float]) -> None:
-    """Thirty students at once, each at a lesson of the list in turn."""
+def sit_class(url: str, lessons: list[Lesson], over: threading.Event) -> list[float]:
+    """Thirty students at once, each at a lesson of the list in turn, until it is over."""
 
     async def all_of_them() -> list[list[float]]:
         students = (
@@ -94,13 +96,13 @@ def sit_class(url: str, lessons: list[Lesson], over: threading.Event, waits: lis
         )
         return await asyncio.gather(*students)
 
-    waits.extend(wait for each in asyncio.run(all_of_them()) for wait in each)
+    return [wait for each in asyncio.run(all_of_them()) for wait in each]
 
 
 def main() -> int:
     """Every lesson's first slider, alone and in the class; 1 when a promise is broken."""
     lessons = list(find_lessons().values())
-    alone, among, others = list[float](), list[float](), list[float]()
+    alone, among = list[float](), list[float]()
     with taught() as url, browser() as chromium:
         # The page forbids scripts made of text, by which Playwright waits.
         page = chromium.new_page(bypass_csp=True)
@@ -110,12 +112,12 @@ def main() -> int:
             say_row(lesson.name, told(waits))
         say_row("all lessons", told(alone))
         over = threading.Event()
-        students = threading.Thread(target=sit_class, args=(url, lessons, over, others))
-        students.start()
-        for lesson in lessons:
-            among += moved_in(page, url, lesson, MOVES // 4)
-        over.set()
-        students.join()
+        with ThreadPoolExecutor(1) as room:
+            students = room.submit(sit_class, url, lessons, over)
+            for lesson in lessons:
+                among += moved_in(page, url, lesson, MOVES // 4)
+            over.set()
+            others = students.result()
         say_row(f"all lessons in Chromium, beside {CLASS} students", told(among))
         say_row(f"the {CLASS} students", told(others))
     median, most = PROMISES_MS
