@@ -292,7 +292,8 @@ def _pointed(seat: Seat, block: Block) -> Pointed | None:
     point, photo = block.surveyed.get(seat.current[0]), block.photos.get(seat.current[1])
     if point is None or photo is None:
         return None
-    return Pointed(point.position - block.origin, photo.exterior.centre - block.origin)
+    origin = block.origin
+    return Pointed(point.position - origin, photo.exterior.centre - origin, photo.photo_id)
 
 
 def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:

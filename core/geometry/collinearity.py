@@ -76,7 +76,13 @@ def film_from_object(
     offset[:, 2] -= atmosphere.curvature_per_m * (offset[:, 0] ** 2 + offset[:, 1] ** 2)
     image = offset @ exterior.object_from_image
     depth = np.where(image[:, 2] < -BEHIND, image[:, 2], np.nan)
-    ideal = -camera.principal_distance_mm * image[:, :2] / depth[:, None]
+    return film_from_ideal(
+        -camera.principal_distance_mm * image[:, :2] / depth[:, None], camera, atmosphere
+    )
+
+
+def film_from_ideal(ideal: FilmPoints, camera: Camera, atmosphere: Atmosphere) -> FilmPoints:
+    """Lens distortion and refraction of ideal points about the principal point; film frame, mm."""
     factor = image_factor(np.sum(ideal**2, axis=1), camera, atmosphere)
     film = ideal * factor[:, None] + np.array(camera.principal_point_mm)
     return film + _deformation(ideal, camera) if camera.deformation_mm else film

@@ -1,16 +1,27 @@
 """Corrections of image points and special points of a photo: textbook formulas with sources.
 
 The notes on image coordinates (chapter 4, cited by section) give them for near-vertical photos.
-The bundle adjustment uses its own models, in `collinearity` and `camera`.
+The bundle adjustment uses its own models, in `collinearity` and `camera`; what these do to one
+place of a scan is told at the end.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
-from core.arrays import FilmPoints, Scalars, locked
-from core.geometry.collinearity import EARTH_RADIUS_M
+from core.arrays import FilmPoints, ObjectPoints, PixelPoints, Scalars, locked
+from core.geometry.collinearity import (
+    EARTH_RADIUS_M,
+    film_from_ideal,
+    film_from_object,
+    object_from_film,
+)
 from core.geometry.exterior import ExteriorOrientation
+from core.geometry.interior import plain_similarity
+from core.geometry.resection import PhotoModel
+from core.geometry.transforms import PlaneTransform, apply_affine, invert_affine
 
 KM_H = 0.2778  # source: 1 / 3.6, as the notes round it.
 """Metres a second of one kilometre an hour."""
@@ -119,3 +130,95 @@ def radial_from_table_um(radius_mm: Scalars, table: Sequence[tuple[float, float]
     radii, shifts = locked(table).T
     order = np.argsort(radii)
     return np.interp(radius_mm, radii[order], shifts[order])
+
+
+SpecialPoint = Literal["nadir", "isocentre", "principal", "fiducial_centre"]
+"""Points of a photo that have a name."""
+Effect = Literal["refraction", "curvature", "distortion", "film"]
+"""What moves an image point away from where a central projection puts it."""
+
+
+def special_points(
+    model: PhotoModel, exterior: ExteriorOrientation
+) -> Mapping[SpecialPoint, FilmPoints]:
+    """Nadir, isocentre, principal point and middle of the certified marks, film frame, (1, 2) mm.
+
+    A camera without marks has no fiducial centre.
+    """
+    camera, air = model.camera, model.atmosphere
+    c = camera.principal_distance_mm
+    points: dict[SpecialPoint, FilmPoints] = {
+        "nadir": film_from_ideal(nadir_on_film(exterior, c), camera, air),
+        "isocentre": film_from_ideal(isocentre_on_film(exterior, c), camera, air),
+        "principal": film_from_ideal(np.zeros((1, 2)), camera, air),
+    }
+    if camera.fiducials_mm:
+        marks = np.array(list(camera.fiducials_mm.values()))
+        points["fiducial_centre"] = marks.mean(axis=0)[None]
+    return points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shift:
+    """What one effect does to a place of a scan."""
+
+    film_mm: FilmPoints
+    """How far it moved the image point on the film, (1, 2) mm."""
+    pixel_px: PixelPoints
+    """The same in the scan, (1, 2) pixels."""
+    ground_m: ObjectPoints
+    """How far the ground would seem to lie if it were not corrected, (1, 3) metres."""
+
+    def __add__(self, other: "Shift") -> "Shift":
+        """Both effects together."""
+        return Shift(
+            self.film_mm + other.film_mm,
+            self.pixel_px + other.pixel_px,
+            self.ground_m + other.ground_m,
+        )
+
+    def sign(self, away_mm: FilmPoints) -> float:
+        """-1 where it points towards the principal point from a place so far away, else 1."""
+        return -1.0 if float(np.sum(self.film_mm * away_mm)) < 0 else 1.0
+
+
+def shifts_at(
+    pixel: PixelPoints, height: Scalars, model: PhotoModel, exterior: ExteriorOrientation
+) -> Mapping[Effect, Shift]:
+    """What each effect does at one place of a scan: the engine's model with it and without it.
+
+    Args:
+        pixel: The place, (1, 2).
+        height: Of the ground there, (1,) metres.
+        model: Interior orientation, camera and air of the photo.
+        exterior: Its exterior orientation.
+
+    Returns:
+        Shifts; `film` is what the interior orientation takes up beyond a similarity, and is
+        missing where no marks were measured.
+    """
+    camera, air, interior = model.camera, model.atmosphere, model.interior
+    film = interior.film_from_pixel(pixel)
+    ground = object_from_film(film, height, exterior, camera, air)
+    ideal_lens = replace(camera, radial_distortion=(0.0, 0.0, 0.0), deformation_mm=())
+    without: dict[Effect, PhotoModel] = {
+        "refraction": replace(model, atmosphere=replace(air, refraction=0.0)),
+        "curvature": replace(model, atmosphere=replace(air, curvature_per_m=0.0)),
+        "distortion": replace(model, camera=ideal_lens),
+    }
+    shifts: dict[Effect, Shift] = {}
+    for effect, plain in without.items():
+        straight = film_from_object(ground, exterior, plain.camera, plain.atmosphere)
+        seeming = object_from_film(film, height, exterior, plain.camera, plain.atmosphere)
+        shifts[effect] = Shift(
+            film - straight, pixel - interior.pixel_from_film(straight), seeming - ground
+        )
+    similarity = plain_similarity(interior) if interior.names else None
+    if isinstance(similarity, PlaneTransform):
+        deformed = apply_affine(similarity.matrix, pixel)
+        shifts["film"] = Shift(
+            deformed - film,
+            pixel - apply_affine(invert_affine(similarity.matrix), film),
+            object_from_film(deformed, height, exterior, camera, air) - ground,
+        )
+    return shifts

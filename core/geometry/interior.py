@@ -119,6 +119,15 @@ class InteriorOrientation:
         return replace(self, covariance=self.covariance * change)
 
 
+def plain_similarity(interior: InteriorOrientation) -> PlaneTransform | Failure:
+    """Film mm from pixel by shift, turn and one scale on the same marks.
+
+    What the interior orientation adds to it, and what it leaves, is the film's own shape.
+    """
+    certified = interior.film_from_pixel(interior.pixels) - interior.residuals_um / 1000
+    return fit_similarity(interior.pixels, certified, mirrored=not interior.mirrored)
+
+
 @dataclass(frozen=True, slots=True)
 class FilmShape:
     """How a film differs from its camera's certificate and the scanner's nominal pixel."""

@@ -10,8 +10,8 @@ from core.arrays import FilmPoints
 from core.block import Photo
 from core.doubts import Doubt
 from core.geometry.camera import Camera
-from core.geometry.interior import film_shape, limit_um
-from core.geometry.transforms import PlaneTransform, fit_similarity
+from core.geometry.interior import InteriorOrientation, film_shape, limit_um, plain_similarity
+from core.geometry.transforms import PlaneTransform
 from core.scans.corrected_marks import MarkChange, corrected_scan
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.judging import FiducialMeasurement
@@ -289,7 +289,7 @@ def _film(photo: Photo, camera: Camera, pixel_mm: float | None) -> Part:
     interior = photo.interior
     shape = film_shape(interior, pixel_mm or interior.pixel_size_mm)
     film = interior.film_from_pixel(interior.pixels) - interior.residuals_um / 1000
-    plain = _after_similarity(photo, film)
+    plain = _after_similarity(interior)
     marks = [
         [name, *_rounded(place, 3), *_rounded(left, 2), *_rounded(before, 2)]
         for name, place, left, before in zip(
@@ -311,12 +311,11 @@ def _film(photo: Photo, camera: Camera, pixel_mm: float | None) -> Part:
     }
 
 
-def _after_similarity(photo: Photo, film: FilmPoints) -> FilmPoints:
+def _after_similarity(interior: InteriorOrientation) -> FilmPoints:
     """What shift, turn and one scale leave of the marks, micrometres: the film's own shape."""
-    interior = photo.interior
-    fit = fit_similarity(interior.pixels, film, mirrored=not interior.mirrored)
+    fit = plain_similarity(interior)
     if not isinstance(fit, PlaneTransform):
-        return np.zeros_like(film)
+        return np.zeros_like(interior.residuals_um)
     return 1000 * fit.residuals
 
 

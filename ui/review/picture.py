@@ -17,6 +17,7 @@ from ui.review.drafts import apply_draft, by_hand
 from ui.review.grounds import grounds_of
 from ui.review.looks import round_all, short
 from ui.review.misfit import Misfit, misfits, without_pull
+from ui.review.photo_points import letters_of, special_part
 from ui.review.queue import Row, coming
 from ui.review.scene import ground_level_m, ramp_top_m
 from ui.review.second_reading import readings_part
@@ -86,6 +87,7 @@ def scene_part(seat: Seat, state: DeskState, away: Mapping[Key, Misfit]) -> Part
         "relief": scene.relief,
         "light": scene.light,
         "photo": scene.photo,
+        "letters": letters_of(state.oriented),
         "inside": scene.inside,
         "top": ramp_top_m(state, away),
         "level": short(ground_level_m(state.oriented), 1),
@@ -204,6 +206,7 @@ def point_part(state: DeskState, seat: Seat, rows: Mapping[Key, Row], pictured: 
             "pixel": short(oriented.photos[key[1]].ground_pixel_m(oriented.camera_of(key[1])), 4),
         },
         "marks": _marks(overlay),
+        "specials": special_part(drawn[key[1]], pictured.dem),
         "ellipse": _ellipse(state, key),
         "readings": readings_part(measurement),
         "raw": _raw(overlay),

@@ -18,6 +18,7 @@ from core.quality.residuals import CELLS, area_counts
 from ui.review.compare import Drawn, DrawnPhoto, HeightSource, ground_from_pixel
 from ui.review.looks import LOOKS, ShownState
 from ui.review.misfit import Misfit, misfits
+from ui.review.photo_points import special_grounds
 from ui.review.state import DeskState, Key
 
 Segments = Float64[np.ndarray, "n 2 3"]
@@ -122,6 +123,8 @@ class ScenePicture:
     """Each tie point and the end of its longest residual on the ground, at true length."""
     labels: Mapping[str, Position]
     """Names of the photos, without what all of them share, at their perspective centres."""
+    specials: Callable[[str], Mapping[str, Points]]
+    """Where the plumb line and the rays of the special points of a photo end, by letter, (1, 3)."""
 
     def without_vectors(self, hidden: Collection[Key]) -> "ScenePicture":
         """The scene without the misfits of some measurements."""
@@ -193,7 +196,17 @@ def scene_picture(
             short: oriented.photos[name].exterior.centre - origin
             for name, short in short_names(list(oriented.photos)).items()
         },
+        specials=cache(lambda name: _specials(oriented, name, dem)),
     )
+
+
+def _specials(block: Block, photo_id: str, dem: HeightSource) -> Mapping[str, Points]:
+    """Special points of a photo on the ground, local frame; none without a photo."""
+    photo = block.photos.get(photo_id)
+    if photo is None:
+        return {}
+    grounds = special_grounds(DrawnPhoto(photo, block.camera_of(photo_id), 1), dem)
+    return {letter: local_from_object(place, block.origin) for letter, place in grounds.items()}
 
 
 def ground_level_m(block: Block) -> float:

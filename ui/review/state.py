@@ -45,7 +45,7 @@ Sheet = Literal["", "board", "placement", "mask", "mosaic", "checks"]
 SHEETS: tuple[Sheet, ...] = ("board", "placement", "mask", "mosaic", "checks")
 LAYERS: tuple[str, ...] = (
     "terrain", "hillshade", "photos", "footprints", "areas", "points", "vectors", "ellipses",
-    "checks", "ties", "tie_vectors", "labels",
+    "checks", "ties", "tie_vectors", "labels", "specials",
 )  # fmt: skip
 """Layers of the 3D scene that can be switched."""
 Area = tuple[tuple[float, float], ...]
@@ -102,7 +102,7 @@ class SceneOptions:
     """What one seat sees of the 3D scene."""
 
     hidden: frozenset[str] = frozenset(
-        {"hillshade", "areas", "ellipses", "ties", "tie_vectors", "labels"}
+        {"hillshade", "areas", "ellipses", "ties", "tie_vectors", "labels", "specials"}
     )
     """Layers that are switched off."""
     vector_scale: float = 20.0

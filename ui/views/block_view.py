@@ -1,6 +1,5 @@
 """The block in 3D as one browser sees it: frustums, drape, points by state, residual vectors."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +23,7 @@ from ui.review.scene import (
 from ui.review.state import SceneOptions
 from ui.review.tiles import Colour
 from ui.views.flight import Pose, flight_between, pose_around, pose_inside
+from ui.views.labels import LABELS, Labels, names_apart, plain_name
 from ui.views.meshes import needles_glb
 
 TERRAIN = "/terrain"
@@ -40,6 +40,7 @@ TIES = "/ties"
 TIE_VECTORS = "/tie_vectors"
 CURRENT = "/current"
 CURRENT_RAY = "/current_ray"
+SPECIALS = "/specials"
 """Names of nodes of the scene, which tests look for as well."""
 IMAGE_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 """Viser's cameras look along +z with y down; image space has y up and z towards the sky."""
@@ -53,15 +54,15 @@ FROM_SOUTH = np.array([0.0, -0.5, 1.0])
 """Where the eye is at first, seen from the middle of the block."""
 UP = np.array([0.0, 0.0, 1.0])
 RING_PARTS = 28
-TIE_PX = 4.0
-"""Size of a tie point on the screen, pixels."""
+TIE_PX, LABEL_PX = 4.0, 22.0
+"""Size of a tie point on the screen, and of a letter, pixels."""
 LIFT = 0.006
 """Points and lines float this share of the block's extent above the drape, to stay visible."""
 
 
 def photo_node(photo_id: str) -> str:
     """Frustum of one photo."""
-    return f"/photos/{_plain(photo_id)}"
+    return f"/photos/{plain_name(photo_id)}"
 
 
 def points_node(state: ShownState) -> str:
@@ -69,19 +70,9 @@ def points_node(state: ShownState) -> str:
     return f"/points/{state}"
 
 
-def label_node(photo_name: str) -> str:
-    """Name of a photo."""
-    return f"/labels/{_plain(photo_name)}"
-
-
 def reach_pixel_m(reach_m: float) -> float:
     """Size of a pixel when the whole block is in sight, before the window is known, metres."""
     return reach_m / 700
-
-
-def _plain(name: str) -> str:
-    """A name without the separator of the scene tree."""
-    return name.replace("/", "_")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,6 +93,8 @@ class Pointed:
     """The surveyed point."""
     centre: Position
     """Perspective centre of the photo it is looked at in."""
+    photo_id: str = ""
+    """That photo."""
 
 
 class BlockView:
@@ -119,7 +112,8 @@ class BlockView:
         self._frustums: dict[str, viser.CameraFrustumHandle] = {}
         self._clouds: dict[str, viser.PointCloudHandle] = {}
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
-        self._labels: dict[str, viser.LabelHandle] = {}
+        self._names = Labels(client.scene, LABELS)
+        self._letters = Labels(client.scene, SPECIALS)
         self._sheets: dict[str, viser.GlbHandle] = {}
         self._laid: dict[str, bytes] = {}
         self._sent: dict[str, object] = {}
@@ -147,10 +141,12 @@ class BlockView:
         self._show_areas(picture, options)
         self._show_vectors(picture, options)
         self._show_tie_vectors(picture, options)
-        self._show_labels(picture.labels, "labels" not in hidden and inside is None)
+        self._names.show(picture.labels, "labels" not in hidden and inside is None)
         self._show_current(pointed)
+        self._show_specials()
         if options.light != before.light:
-            for name, colour in ((CHOSEN, looks.CHOSEN), (CURRENT_RAY, looks.CURRENT)):
+            for name in (CHOSEN, CURRENT_RAY, SPECIALS):
+                colour = looks.CURRENT if name == CURRENT_RAY else looks.CHOSEN
                 seen = rgb(looks.against(colour, options.light))
                 self._lines[name].colors = np.array(seen, dtype=np.uint8)
         if options.inside != before.inside:
@@ -189,6 +185,7 @@ class BlockView:
         for name, cloud in self._clouds.items():
             cloud.point_size = self._size_of(name)
         self._show_current(self._pointed)
+        self._show_specials()
         inside, camera = self._frustum_of(self._options.inside), self._client.camera
         if inside is not None and not self._flight and self._is_at(inside.centre):
             # The window may have another shape than before.
@@ -269,6 +266,7 @@ class BlockView:
             (ELLIPSES, looks.ELLIPSE, 1.6),
             (CURRENT, looks.CURRENT, 3.0),
             (CURRENT_RAY, looks.CURRENT, 1.4),
+            (SPECIALS, looks.CHOSEN, 1.6),
         ):
             self._lines[name] = self._scene.add_line_segments(
                 name,
@@ -455,19 +453,20 @@ class BlockView:
         if self._needles is not None:
             self._needles.visible = shown
 
-    def _show_labels(self, labels: Mapping[str, Position], visible: bool) -> None:
-        """Names of photos; each is made when it is first asked for, for names are the slowest."""
-        for name, position in labels.items():
-            node = label_node(name)
-            label = self._labels.get(node)
-            if visible and self._is_new(node, position.tolist()):
-                if label is not None:
-                    label.remove()
-                label = self._labels[node] = self._scene.add_label(
-                    node, name, position=position, font_screen_scale=0.85
-                )
-            if label is not None:
-                label.visible = visible
+    def _show_specials(self) -> None:
+        """Plumb line and rays of the chosen photo's special points, or of the one looked at."""
+        options, pointed = self._options, self._pointed
+        frustum = self._frustum_of(options.photo or (pointed.photo_id if pointed else ""))
+        lines, names = np.zeros((0, 2, 3)), dict[str, Position]()
+        if frustum is not None and "specials" not in options.hidden and not options.inside:
+            found = self._picture.specials(frustum.photo_id)
+            places = {letter: self._on_ground(place)[0] for letter, place in found.items()}
+            lines = np.array([(place, frustum.centre) for place in places.values()])
+            names = names_apart(places, LABEL_PX * self._pixel_m)
+        if len(lines) and self._is_new(SPECIALS, lines.tobytes()):
+            self._lines[SPECIALS].points = lines.astype(np.float32)
+        self._lines[SPECIALS].visible = len(lines) > 0
+        self._letters.show(names, True)
 
     def _show_current(self, pointed: Pointed | None) -> None:
         """A ring about the current point, and its ray to the photo it is looked at in."""

@@ -164,6 +164,8 @@ interface Point {
   figures: Figures;
   why: [word: string, value: string][];
   peaks: { score: number | null; operator: string; away: number }[];
+  /** Nadir, isocentre and so on by letter: pixels of the raw scan, metres east and north. */
+  specials: [letter: string, raw: Pair, ground: Pair][];
   /** Where a point of the user lies in all likelihood: what a unit circle becomes, scan pixels. */
   ellipse: number[][] | null;
   /** Places of several operators, pixels of the raw scan. */
@@ -343,6 +345,8 @@ interface SceneSwitches {
   /** The chosen photo, and the one whose perspective centre the eye is in. */
   photo: string;
   inside: string;
+  /** Of the special points of photos: nadir and so on. */
+  letters: string[];
   /** Misfit at the end of the ramp of colours, metres. */
   top: number;
   /** Height of the ground, metres. */

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -18,7 +18,8 @@ from core.control.likeness import Likeness
 from core.doubts import Failure
 from core.errors import PhotogrammetryError
 from core.raster.grid import Grid
-from ui.review.compare import Drawn, DrawnPhoto, HeightSource, LikenessSource
+from ui.review.compare import Drawn, DrawnPhoto, HeightSource, LikenessSource, PlanePoints
+from ui.review.photo_points import Frame, corrections_part
 from ui.review.tiles import (
     LARGE_PX,
     WALLIS_RADIUS,
@@ -195,6 +196,13 @@ class TileStore(ScanTiles):
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(self._pool, source, photo.photo, photo.camera, position)
 
+    async def corrections(
+        self, photo: DrawnPhoto, frame: Frame, place: PlanePoints
+    ) -> list[list[Any]]:
+        """What moved the image point at a place of a scan."""
+        # Heights may be read from a file; tiles are drawn in threads of their own meanwhile.
+        return await asyncio.to_thread(corrections_part, photo, self.sources.dem, frame, place)
+
     def thumbnail(self, photo: DrawnPhoto) -> Colour:
         """A photo's picture area, small; its grey range is known from then on."""
         overview = overview_of(photo, self.read)
@@ -267,6 +275,12 @@ def _ground_routes(store: TileStore) -> list[web.RouteDef]:
         headers = {"X-Place": place, "Cache-Control": "private, max-age=3600"}
         return web.Response(body=as_veil(found.values), content_type="image/png", headers=headers)
 
+    async def corrections(request: web.Request) -> web.StreamResponse:
+        photo, place = _photo(store, request), np.array([_numbers(request, "x", "y")])
+        frame: Frame = "scan" if request.match_info["frame"] == "scan" else "ground"
+        rows = await store.corrections(photo, frame, place)
+        return web.json_response(rows, headers={"Cache-Control": "no-store"})
+
     position = "".join(f"/{{{name}:-?[0-9.]+}}" for name in ("east", "north", "height"))
     return [
         web.get("/tiles/ortho" + TILE, ortho),
@@ -274,6 +288,7 @@ def _ground_routes(store: TileStore) -> list[web.RouteDef]:
         web.get(r"/tiles/mosaic/{version:\d+}/{edition:\d+}" + TILE, mosaic),
         web.get("/tiles/likeness" + PHOTO + position, likeness),
         web.get("/tiles/point" + PHOTO + "/{east}/{north}/{pixel}", thumbnail),
+        web.get("/tiles/corrections" + PHOTO + "/{frame:scan|ground}/{x}/{y}", corrections),
     ]
 
 

@@ -11,6 +11,7 @@ from core.doubts import Failure
 from core.geometry.camera import Camera, polynomial_from_table
 from core.geometry.collinearity import (
     EARTH_RADIUS_M,
+    VACUUM,
     Atmosphere,
     atmosphere_of,
     film_from_object,
@@ -26,9 +27,13 @@ from core.geometry.image_corrections import (
     radial_from_table_um,
     refraction_um,
     relief_displacement_mm,
+    shifts_at,
     shrinkage_factor,
+    special_points,
     tangential_mm,
 )
+from core.geometry.interior import InteriorOrientation, fit_interior, nominal_interior
+from core.geometry.resection import PhotoModel
 
 RADIUS_MM, GROUND_M = 130.0, 500.0
 R_MM = np.array([129.0])
@@ -165,3 +170,100 @@ def test_a_certificates_table_becomes_a_polynomial__truth():
     assert fitted[2] < 1e-6
     assert radial_from_table_um(np.array([15.0]), table)[0] == pytest.approx(shifts[:2].mean())
     assert isinstance(polynomial_from_table(table[:2]), Failure)
+
+
+MARKS = {"1": (-106.0, 106.0), "2": (106.0, 106.0), "3": (106.0, -106.0), "4": (-106.0, -106.0)}
+
+
+def model_of(principal_mm: float, air: Atmosphere = VACUUM, **camera) -> PhotoModel:
+    wide = Camera("wide", principal_mm, (260.0, 260.0), **camera)
+    return PhotoModel(nominal_interior((13000, 13000), wide, 0.02), wide, air)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.5, 3.0, 20.0])
+def test_nadir_and_isocentre_of_a_tilted_photo_lie_where_the_tilt_puts_them__truth(tilt_deg):
+    """Put in: a tilt about the y axis. Off the principal point, which is off the marks' middle."""
+    tilt = np.radians(tilt_deg)
+    exterior = ExteriorOrientation(np.array([0.0, 0.0, 2000.0]), 0.0, tilt, 0.0)
+    camera = {"principal_point_mm": (0.4, -0.3), "fiducials_mm": MARKS}
+    points = special_points(model_of(152.0, **camera), exterior)
+    assert points["principal"][0] == pytest.approx([0.4, -0.3], abs=1e-12)
+    assert points["fiducial_centre"][0] == pytest.approx([0.0, 0.0], abs=1e-12)
+    away = {name: place[0] - points["principal"][0] for name, place in points.items()}
+    assert np.abs(away["nadir"]) == pytest.approx([152 * np.tan(tilt), 0.0], abs=1e-9)
+    assert np.abs(away["isocentre"]) == pytest.approx([152 * np.tan(tilt / 2), 0.0], abs=1e-9)
+    assert away["nadir"][0] * away["isocentre"][0] > 0
+
+
+def test_a_camera_without_marks_has_no_fiducial_centre__law():
+    exterior = ExteriorOrientation(np.array([0.0, 0.0, 2000.0]), 0.0, 0.0, 0.0)
+    assert set(special_points(model_of(152.0), exterior)) == {"principal", "isocentre", "nadir"}
+
+
+def test_the_nadir_in_the_scan_is_what_lies_below_the_camera__law():
+    """Through lens and air as well."""
+    air = Atmosphere(5e-5, 1 / (2 * EARTH_RADIUS_M))
+    model = model_of(152.0, air, radial_distortion=(2e-7, 0.0, 0.0))
+    exterior = ExteriorOrientation(np.array([10.0, -5.0, 2000.0]), 0.2, -0.1, 1.1)
+    below = model.pixels(np.array([[10.0, -5.0, 0.0]]), exterior)
+    nadir = model.interior.pixel_from_film(special_points(model, exterior)["nadir"])
+    assert nadir == pytest.approx(below, abs=1e-6)
+
+
+def shift_at(radius_mm: float, model: PhotoModel, above_m: float, ground_m: float, effect: str):
+    """What an effect does to a place at a radius, outwards; um, pixels and metres."""
+    exterior = ExteriorOrientation(np.array([0.0, 0.0, ground_m + above_m]), 0.0, 0.0, 0.3)
+    film = radius_mm * np.array([[0.6, -0.8]])
+    pixel = model.interior.pixel_from_film(film)
+    found = shifts_at(pixel, np.array([ground_m]), model, exterior)[effect]
+    film_mm, pixels, metres = (
+        float(np.linalg.norm(part)) for part in (found.film_mm, found.pixel_px, found.ground_m)
+    )
+    return 1000 * found.sign(film) * film_mm, pixels, metres
+
+
+@pytest.mark.parametrize(("scale", "height_km", "principal_mm", "told_um"), TABLE_4_1[:-1])
+def test_refraction_at_a_place_is_that_of_table_4_1__paper(scale, height_km, principal_mm, told_um):
+    height = 1000.0 * height_km
+    ground = max(0.0, height - scale * principal_mm / 1000)
+    model = model_of(float(principal_mm), Atmosphere(refraction_constant(height, ground)))
+    moved, pixels, metres = shift_at(R_MM[0], model, height - ground, ground, "refraction")
+    assert moved == pytest.approx(told_um, abs=2.0)
+    assert pixels == pytest.approx(moved / 20, rel=1e-9)
+    # On a vertical photo a length of film times the scale is one of ground.
+    assert metres == pytest.approx(moved / 1e6 * (height - ground) / principal_mm * 1000, rel=1e-3)
+
+
+@pytest.mark.parametrize(("principal_mm", "height_km", "told_um"), TABLE_4_2)
+def test_curvature_at_a_place_is_that_of_table_4_2__paper(principal_mm, height_km, told_um):
+    model = model_of(float(principal_mm), Atmosphere(0.0, 1 / (2 * EARTH_RADIUS_M)))
+    moved, pixels, metres = shift_at(R_MM[0], model, 1000 * height_km, 0.0, "curvature")
+    assert moved == pytest.approx(-told_um, abs=2.0)
+    assert pixels == pytest.approx(-moved / 20, rel=1e-9)
+    assert metres == pytest.approx(-moved / 1e3 * height_km / principal_mm * 1000, rel=3e-3)
+
+
+def test_distortion_at_a_place_is_that_of_the_certificate__truth():
+    model = model_of(152.0, radial_distortion=(1e-8, 0.0, 0.0))
+    moved, *_ = shift_at(100.0, model, 2000.0, 0.0, "distortion")
+    assert moved == pytest.approx(10.0, abs=0.01)
+    none = shift_at(100.0, model_of(152.0), 2000.0, 0.0, "distortion")
+    assert none == pytest.approx((0, 0, 0), abs=1e-9)
+
+
+def test_film_deformation_at_a_place_is_what_was_put_into_the_film__truth():
+    """Shrunk by 0.8 per mille more along x than along y: half of it either way of a similarity."""
+    certified = np.array(list(MARKS.values()))
+    shrunk = certified * [1 - 0.0012, 1 - 0.0004]
+    pixels = np.column_stack([shrunk[:, 0] + 130, 130 - shrunk[:, 1]]) / 0.02
+    interior = fit_interior(tuple(MARKS), pixels, certified, "affine")
+    assert isinstance(interior, InteriorOrientation)
+    camera = Camera("wide", 152.0, (260.0, 260.0), fiducials_mm=MARKS)
+    model = PhotoModel(interior, camera, VACUUM)
+    exterior = ExteriorOrientation(np.array([0.0, 0.0, 1520.0]), 0.0, 0.0, 0.0)
+    pixel = np.array([[130 + 100 * (1 - 0.0012), 130 + 50 * (1 - 0.0004)]]) / 0.02
+    found = shifts_at(pixel, np.zeros(1), model, exterior)["film"]
+    assert 1000 * found.film_mm[0] == pytest.approx([-40.0, -20.0], abs=0.1)
+    assert found.pixel_px[0] == pytest.approx([-2.0, 1.0], abs=0.01)
+    assert found.ground_m[0] == pytest.approx([-0.4, -0.2, 0.0], abs=0.001)
+    assert "film" not in shifts_at(pixel, np.zeros(1), model_of(152.0), exterior)

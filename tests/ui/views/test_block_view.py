@@ -22,6 +22,7 @@ from ui.views.block_view import (
     FOOTPRINTS,
     HILLSHADE,
     OTHERS,
+    SPECIALS,
     TERRAIN,
     TIES,
     VECTORS,
@@ -29,10 +30,10 @@ from ui.views.block_view import (
     BlockView,
     Pointed,
     Stage,
-    label_node,
     photo_node,
     points_node,
 )
+from ui.views.labels import label_node
 
 ALL = SceneOptions(hidden=frozenset(), vector_scale=5.0)
 
@@ -254,3 +255,31 @@ def test_the_eye_flies_into_a_photo_and_back_to_where_it_was__law(shown):
         pass
     assert np.asarray(camera.position) == pytest.approx(before)
     assert client.scene.nodes[photo_node("1938_01_015")].visible
+
+
+def test_the_plumb_line_of_the_chosen_photo_is_drawn_with_its_letters__truth(shown):
+    view, picture, client = shown
+    nodes, name = client.scene.nodes, "1938_01_015"
+    assert not nodes[SPECIALS].visible, "no photo is chosen, and none looked at"
+    view.seen_from(100.0, 0.01)
+    view.show(picture, replace(ALL, photo=name), None)
+    centre = next(one.centre for one in picture.frustums if one.photo_id == name)
+    lines = nodes[SPECIALS].points
+    assert nodes[SPECIALS].visible
+    assert lines[:, 1] == pytest.approx(np.tile(centre, (3, 1)), abs=0.01)
+    assert {one for one in nodes if one.startswith("/specials/")} == {
+        label_node(letter, SPECIALS) for letter in "NIH"
+    }
+    below = nodes[label_node("N", SPECIALS)].position
+    assert below[:2] == pytest.approx(centre[:2], abs=0.02)
+    # From afar the letters would lie over each other.
+    view.seen_from(4000.0, 20.0)
+    assert nodes["/specials/N"].visible is False
+    (together,) = (one for one in nodes if one.startswith("/specials/") and " " in one)
+    assert nodes[together].visible
+    view.show(picture, replace(ALL, photo=name, hidden=frozenset({"specials"})), None)
+    assert not nodes[SPECIALS].visible
+    assert not nodes[together].visible
+    # Without a chosen photo it is the one that is looked at.
+    view.show(picture, ALL, Pointed(np.zeros(3), centre, name))
+    assert nodes[SPECIALS].visible

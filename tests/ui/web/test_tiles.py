@@ -9,7 +9,8 @@ from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
 
 from tests.ui.desk_block import CAMERA, tiny_block, true_photos
-from ui.review.compare import DrawnPhoto
+from ui.review.compare import DrawnPhoto, drawn_from_block
+from ui.review.photo_points import corrections_part
 from ui.review.tiles import TILE, Lattice
 from ui.web.tiles import Sources, TileStore, as_veil, encoded_tile, tile_routes
 
@@ -142,3 +143,27 @@ def test_the_mosaic_is_clear_where_it_shows_nothing_and_a_jpeg_where_it_is_whole
     assert np.array_equal(evened[..., 3], picture[..., 3])
     assert (none[0], absurd[0]) == (404, 404)
     assert asked == [(7, 0), (7, 0), (7, 5), (8, 0)]
+
+
+def test_corrections_at_a_place_are_told_as_numbers__law():
+    """In both frames; a place or a frame that is none is refused."""
+    tiny = tiny_block()
+    lattice = Lattice.over(tiny.land.today.bounds, 0.5)
+    store = TileStore(Sources(tiny.land.today, tiny.land.dem, tiny.scans, lattice))
+    drawn = drawn_from_block(tiny.block)
+    store.publish(drawn)
+    name, application = next(iter(drawn)), web.Application()
+    application.add_routes(tile_routes(store))
+
+    async def visit():
+        async with TestServer(application) as server, TestClient(server) as client:
+            answer = await client.get(f"/tiles/corrections/{name}/1/scan/200.5/300")
+            rows = await answer.json()
+            assert [row[0] for row in rows][-1] == "together"
+            place = np.array([[200.5, 300.0]])
+            assert rows == corrections_part(drawn[name], tiny.land.dem, "scan", place)
+            for path in ("1/sky/1/1", "1/scan/1/nan", "1/scan/inf/1", "9/scan/1/1", "1/scan/x/1"):
+                answer = await client.get(f"/tiles/corrections/{name}/{path}")
+                assert answer.status == 404, path
+
+    asyncio.run(visit())

@@ -2,13 +2,14 @@
 import { compareState } from "./compare.js";
 import { followEye, showLegend } from "./legend.js";
 import { growTo, showAllParts } from "./layout.js";
+import { showPhotoPoints } from "./photo_points.js";
 import { setUpSight, showInside } from "./sight.js";
 import { all, byId, element, first, focused, start, turn, word } from "./words.js";
 import { send } from "./wire.js";
 
 const LAYERS = [
   "terrain", "hillshade", "photos", "footprints", "areas", "points", "vectors", "ellipses",
-  "checks", "ties", "tie_vectors", "labels",
+  "checks", "ties", "tie_vectors", "labels", "specials",
 ];
 const RELIEFS = [1, 2, 5]; // as `ui/review/state.py` has them
 const state = {
@@ -28,6 +29,10 @@ export function setUpScene() {
     const onclick = () => send({ kind: "layer", layer, shown: !state.layers[layer] });
     const title = start.words[`layer.${layer}.tip`] ?? word("layer.tip", { name });
     byId("layers").append(element("button", { "data-layer": layer, title, onclick }, name));
+    // What is seen in the scan as well is switched there, too.
+    for (const button of all(`#tools [data-layer=${layer}]`)) {
+      Object.assign(button, { title, onclick, textContent: name });
+    }
   }
   // Twice as far for every six steps: one slider serves both tenths of metres and of pixels.
   slider().addEventListener("input", () => {
@@ -91,7 +96,8 @@ export function showScene(scene) {
   const opened = state.light === null;
   Object.assign(state, { layers, light, rays });
   if (opened) tellTheme();
-  for (const button of all("button", byId("layers"))) {
+  showPhotoPoints(layers.specials);
+  for (const button of all("[data-layer]")) {
     turn(button, layers[button.dataset.layer ?? ""]);
   }
   const steps = scale ? Math.round(6 * Math.log2(scale)) : 0;

@@ -14,6 +14,7 @@ import { Pane, View, afterPause, inverse, mapped, oncePerFrame, scaleOf } from "
 import {
   drawEllipse, drawPatch, drawReadings, ellipseRadius, framed, inBoth, isPlaceable, rawFromGround,
 } from "./expected.js";
+import { drawPhotoPoints } from "./photo_points.js";
 import { beside, drawTogether, showTools, worksTogether } from "./together.js";
 import { ofOne } from "./queue.js";
 import { finishBefore, send } from "./wire.js";
@@ -365,9 +366,10 @@ function drawMarks(pane, point) {
     drawEdges(context, groundFromLayer([x, y]), metres, point.scan.pixel,
       (at) => onScreen(pane, point, at));
   }
+  const place = (/** @type {Pair} */ at, /** @type {Pair | null} */ raw) =>
+    onScreen(pane, point, at, raw);
+  if (kind !== "ortho") drawPhotoPoints(context, pane.room, point, { place, cursor, redraw });
   if (look.marks) {
-    const place = (/** @type {Pair} */ at, /** @type {Pair | null} */ raw) =>
-      onScreen(pane, point, at, raw);
     if (isPlaced(point)) drawPatch(context, point, kind === "scan", place);
     if (kind !== "ortho") {
       if (seesEllipse(point)) drawEllipse(context, point, place);

@@ -54,11 +54,14 @@ function showArrow(/** @type {number} */ pixel, /** @type {number} */ scale) {
 export function showLegend(scene) {
   state.scene = scene;
   followEye();
-  const { layers, photo, inside, top, light } = scene;
+  const { layers, photo, inside, top, light, letters } = scene;
   const { sizes, rays, bare, ellipse, chosen } = start.palette;
+  const pink = chosen[light ? "light" : "dark"];
   const rows = /** @type {[boolean, string, () => (Node | string)[]][]} */ ([
     [photo !== "", "legend.photo", () =>
-      [glyph("photo", chosen[light ? "light" : "dark"]), element("b", {}, shortName(photo))]],
+      [glyph("photo", pink), element("b", {}, shortName(photo))]],
+    [layers.specials, "legend.specials", () => letters.flatMap((letter) =>
+      [element("b", { style: `color: ${pink}` }, letter), word(`special.${letter}`)])],
     [layers.points, "legend.points", () =>
       STATES.flatMap((name) => [stateGlyph(name, 12), word(`state.${name}`)])],
     [layers.checks, "legend.checks", () => [roleGlyph("check", 12)]],
