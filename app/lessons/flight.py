@@ -9,6 +9,7 @@ import numpy as np
 from app.lessons.photo import HALF_MM, PIXEL_MM, camera_with
 from core.arrays import Matrix, ObjectPoints
 from core.block import Block, ExteriorPrior, Measurement, Photo, SurveyedPoint, TiePoints
+from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import nominal_interior
 
@@ -98,16 +99,22 @@ def flown(plan: Plan) -> dict[str, Photo]:
 
 def fly(plan: Plan, control: Matrix, sigma_m: float) -> Flight:
     """A flight with control at places in plan, known to a standard deviation per axis."""
-    photos, camera = flown(plan), camera_with(C_MM)
+    return observed(flown(plan), camera_with(C_MM), plan, control, sigma_m=sigma_m)
+
+
+def observed(
+    photos: dict[str, Photo], camera: Camera, plan: Plan, control: Matrix, *, sigma_m: float
+) -> Flight:
+    """What is measured in photos that truly stand so."""
     rng = np.random.default_rng(1000 + plan.seed)
     ties = on_hills(rng.uniform([0, 0], plan.extent, (plan.ties, 2)), plan.relief_m)
     known = on_hills(control, plan.relief_m)
     rays: list[tuple[int, int, float, float]] = []
     measured: list[Measurement] = []
     for number, (name, photo) in enumerate(photos.items()):
-        for row, (column, line) in seen(photo, ties, plan.noise_px, rng):
+        for row, (column, line) in seen(photo, camera, ties, plan.noise_px, rng):
             rays.append((row, number, column, line))
-        for row, (column, line) in seen(photo, known, plan.noise_px, rng):
+        for row, (column, line) in seen(photo, camera, known, plan.noise_px, rng):
             measured.append(Measurement(f"{row}", name, column, line, max(plan.noise_px, 0.02)))
     rays.sort()
     point, photo_number, columns, lines = np.array(rays).T
@@ -141,10 +148,10 @@ def fly(plan: Plan, control: Matrix, sigma_m: float) -> Flight:
 
 
 def seen(
-    photo: Photo, points: ObjectPoints, noise_px: float, rng: np.random.Generator
+    photo: Photo, camera: Camera, points: ObjectPoints, noise_px: float, rng: np.random.Generator
 ) -> list[tuple[int, tuple[float, float]]]:
     """Which points a photo shows, and where they are measured."""
-    pixels = photo.pixel_from_object(points, camera_with(C_MM))
+    pixels = photo.pixel_from_object(points, camera)
     inside = ((pixels > MARGIN_PX) & (pixels < photo.size_px[0] - MARGIN_PX)).all(axis=1)
     noisy = pixels + rng.normal(0, noise_px, pixels.shape)
     return [

@@ -4,10 +4,12 @@ A lesson is a module of this folder with a `LESSON`. Its texts stand in `ui/word
 or in the lesson itself (`texts`), so that one file is enough.
 """
 
+import base64
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 from jaxtyping import Float64
 from numpy.typing import ArrayLike
@@ -22,7 +24,7 @@ Look = Literal[
     "truth", "estimate", "given", "ray", "ground", "film", "faint", "bad", "error", "axis", "second"
 ]
 """What a shape means; the page gives it its colour. `truth` can be hidden."""
-Kind = Literal["line", "area", "dots", "crosses", "arrow", "text"]
+Kind = Literal["line", "area", "dots", "crosses", "arrow", "text", "picture"]
 Places = ArrayLike
 """Rows of x and y; of x, y and height in a drawing in space."""
 
@@ -102,6 +104,8 @@ class Shape:
     """Sliders that are moved with its only point: by x and by y."""
     below: bool = False
     """Whether its label stands below instead of above."""
+    image: str = ""
+    """Of a picture, between its lower left and its upper right corner: a PNG as a data address."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,6 +163,10 @@ class View:
     """Values of the formula's symbols that are no sliders."""
     plot: Plot | None = None
     """What follows, as a curve."""
+    step: str = ""
+    """Of a lesson in steps: its texts are `step.STEP` and `source_of.STEP`."""
+    equations: tuple[Equation, ...] = ()
+    """Those of the step, in the place of the lesson's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,6 +266,20 @@ def shape(
     kept = places[np.isfinite(places).all(axis=1)]
     # A micrometre of a millimetre, a millimetre of a metre: no screen shows less.
     return Shape(kind, np.round(kept, 3).tolist(), look, label, number, handle, below)
+
+
+def picture(values: np.ndarray, window: tuple[float, float, float, float]) -> Shape:
+    """A raster, first row on top, between left, lower, right and upper edge; from black to white.
+
+    Values are stretched between their hundredths; those that are not finite are dark.
+    """
+    known = values[np.isfinite(values)]
+    low, high = np.quantile(known, [0.01, 0.99]) if known.size else (0.0, 1.0)
+    gray = np.nan_to_num((values - low) / max(float(high - low), 1e-9), nan=0.0)
+    _, data = cv2.imencode(".png", np.rint(255 * np.clip(gray, 0, 1)).astype(np.uint8))
+    address = f"data:image/png;base64,{base64.b64encode(np.asarray(data).tobytes()).decode()}"
+    left, lower, right, upper = window
+    return Shape("picture", [[left, lower], [right, upper]], "film", image=address)
 
 
 def curve(name: str, x: ArrayLike, y: ArrayLike, look: Look = "estimate") -> Curve:

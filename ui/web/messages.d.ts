@@ -819,7 +819,7 @@ interface Lesson {
   truth: boolean;
 }
 interface LessonShape {
-  kind: "line" | "area" | "dots" | "crosses" | "arrow" | "text";
+  kind: "line" | "area" | "dots" | "crosses" | "arrow" | "text" | "picture";
   /** Of three numbers each in space. */
   points: Pair[];
   look: string;
@@ -827,6 +827,8 @@ interface LessonShape {
   number?: LessonNumber;
   handle?: [across: string, up: string];
   below?: boolean;
+  /** A PNG between lower left and upper right corner. */
+  image?: string;
 }
 interface LessonCanvas {
   name: string;
@@ -847,4 +849,7 @@ interface LessonView {
   canvases: LessonCanvas[];
   symbols: Record<string, LessonNumber>;
   plot: LessonPlot | null;
+  /** Of a lesson in steps: what its texts are called, and its own formulas. */
+  step: string;
+  equations: Equation[];
 }

@@ -55,11 +55,16 @@ def test_every_text_of_a_lesson_is_there__law(name: str) -> None:
     lesson = LESSONS[name]
     views = [lesson.view(lesson.start)]
     views += [lesson.view(lesson.start | {one.name: float(one.high)}) for one in lesson.sliders]
+    if "step" in lesson.start:
+        steps = next(one for one in lesson.sliders if one.name == "step")
+        numbers = np.arange(steps.low, steps.high + 1)
+        views += [lesson.view(lesson.start | {"step": float(number)}) for number in numbers]
     keys = {"title", "idea", "try", "source"}
     keys |= {f"slider.{slider.name}" for slider in lesson.sliders}
     for question in lesson.questions:
         keys |= {f"question.{question.name}", f"hint.{question.name}"}
     for view in views:
+        keys |= {f"{part}.{view.step}" for part in ("step", "source_of") if view.step}
         keys |= {f"figure.{one}" for one in view.figures}
         for canvas in view.canvases:
             keys |= {f"canvas.{canvas.name}"}

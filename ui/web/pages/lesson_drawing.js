@@ -91,10 +91,15 @@ function scaleOf({ window: [left, lower, right, upper], equal }, width, height) 
 }
 
 /** @param {LessonShape} shape @param {Scale} scale @returns {Node[]} */
-function parts({ kind, points, look, handle }, { x, y }) {
+function parts({ kind, points, look, handle, image }, { x, y }) {
   const places = points.map(([a, b]) => [x(a), y(b)]);
   const list = places.map((place) => place.map((value) => value.toFixed(1)).join(",")).join(" ");
   if (!places.length || handle || kind === "text") return [];
+  if (kind === "picture") {
+    const [[left, low], [right, top]] = places;
+    return [svg("image", { href: image ?? "", preserveAspectRatio: "none", x: left, y: top,
+      width: right - left, height: low - top })];
+  }
   const look_ = `look-${look}`;
   if (kind === "line") return [svg("polyline", { class: look_, points: list })];
   if (kind === "area") return [svg("polygon", { class: look_, points: list })];

@@ -1,6 +1,6 @@
 // The page of lessons: a lesson is chosen, its sliders are moved, its question is answered.
 import {
-  all, byId, element, fillWords, number, numberOf, start, turn, word, written,
+  all, byId, element, fillWords, first, number, numberOf, start, turn, word, written,
 } from "./words.js";
 import { post, tell } from "./run.js";
 import { takeSeat } from "./wire.js";
@@ -209,9 +209,12 @@ async function askNewest() {
 function show() {
   const { view, lesson } = state;
   if (!view) return;
+  // A step may have another number of drawings than the one before.
+  if (byId("drawings").childElementCount !== view.canvases.length) state.show = null;
   state.show ??= drawingRooms(byId("drawings"), view.canvases, {
     text, move, describe: (names) => names.map((name) => text(`slider.${name}`)).join(", "),
   });
+  if (view.step) first("#about p").textContent = text(`step.${view.step}`);
   showFormulas(view, lesson);
   showFigures(view);
   state.show(view.canvases);
@@ -219,7 +222,7 @@ function show() {
 }
 
 /** @param {LessonView} view @param {Lesson} lesson */
-function showFormulas({ symbols }, { sliders, equations }) {
+function showFormulas({ symbols, step, equations: own }, { sliders, equations }) {
   const known = { ...symbols };
   for (const slider of sliders) {
     if (!slider.symbol) continue;
@@ -228,8 +231,10 @@ function showFormulas({ symbols }, { sliders, equations }) {
     known[slider.symbol] = /** @type {any} */ (
       { value: state.values[name], digits, unit, hue: hueOf(slider) });
   }
-  byId("formulas").replaceChildren(...equations.map((one) => equationShown(one, known)),
-    element("p", { class: "source" }, `${word("teach.source")}: ${text("source")}`));
+  const source = text(step ? `source_of.${step}` : "source");
+  const shown = own.length ? own : equations;
+  byId("formulas").replaceChildren(...shown.map((one) => equationShown(one, known)),
+    element("p", { class: "source" }, `${word("teach.source")}: ${source}`));
   const room = byId("formulas");
   SIZES.some((size) => {
     room.style.setProperty("--size", `${size}px`);

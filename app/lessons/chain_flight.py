@@ -1,0 +1,343 @@
+"""The flight of the lesson on the whole chain: scans of painted ground, measured by the engine.
+
+Nothing is stored: a scan is what its film, lens, air and ground make of any pixel that is asked
+for. What the engine then finds of it is kept for the state it was found in.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from jaxtyping import Float64
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from app.lessons.flight import C_MM, SCALE, Flight, Plan, flown, observed, on_hills
+from app.lessons.photo import HALF_MM, PIXEL_MM
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
+from core.adjustment.block_adjustment import adjust_block
+from core.arrays import Matrix, ObjectPoints, PixelPoints, Scalars
+from core.block import Measurement, Photo
+from core.doubts import Failure
+from core.geometry.camera import Camera
+from core.geometry.collinearity import CORRECTIONS
+from core.geometry.exterior import ExteriorOrientation
+from core.geometry.interior import InteriorOrientation, fit_interior
+from core.geometry.transforms import apply_affine, invert_affine
+from core.literature.baselines import OPERATORS
+from core.matching.patches import object_on_ground
+from core.matching.peaks import ScoreMap, ScorePeak, detect_peaks
+from core.mosaic.overview import SeamView
+from core.mosaic.seam_cut import LabelledGround, label_ground
+from core.raster.grid import Grid
+from core.scans.centring import match_mark
+from core.scans.marks import Mark, draw_mark
+
+FAR = 106.0
+MARKS = {
+    "1": (-FAR, FAR), "2": (0.0, FAR), "3": (FAR, FAR), "4": (FAR, 0.0),
+    "5": (FAR, -FAR), "6": (0.0, -FAR), "7": (-FAR, -FAR), "8": (-FAR, 0.0),
+}  # fmt: skip
+"""Eight fiducials: corners and middles of the sides, millimetres."""
+CAMERA = Camera(
+    "lesson", C_MM, (2 * HALF_MM, 2 * HALF_MM),
+    radial_distortion=(4e-8, -2e-12, 0.0), fiducials_mm=MARKS,
+)  # fmt: skip
+CROSS = Mark("cross", 0.65, 0.1)
+"""What a fiducial looks like."""
+SHRUNK = np.array([1 - 0.0010, 1 - 0.0004])
+"""What is left of the film's length along x and y."""
+WINDOW_PX = 70
+"""Half of a window about a fiducial."""
+FIELD_M, ROAD_M = 120.0, 7.0
+NOISE_PX, TIES, CONTROL_M = 0.4, 110, 0.3
+OFF_M, TURNED = 6.0, 0.0015
+"""Standard deviations of the orientations that the search begins with, metres and radians."""
+PATCH_M, REACH_M, PEAKS = 25, 25, 4
+"""Half of the patch, how far it is sought, at one metre a pixel, and how many peaks are kept."""
+APART_PX = 5
+CELL_M = 64.0
+"""Cells in which seams are sought."""
+PLAN = Plan(2, 3, TIES, NOISE_PX, 1)
+HELD = AdjustmentOptions(estimate_cameras=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Hills:
+    """The DEM: the true hills, and an error that changes slowly."""
+
+    error_m: float = 0.0
+    """Its amplitude."""
+    ground_sample_distance_m: float = 10.0
+    """Spacing of its posts."""
+
+    def heights(self, points: Matrix) -> Scalars:
+        """Heights at easting, northing, metres."""
+        east, north = points.T
+        wave = np.cos(east / 310) * np.sin(north / 270)
+        return on_hills(points)[:, 2] + self.error_m * wave
+
+    def on(self, grid: Grid) -> Float64[np.ndarray, "rows columns"]:
+        """Heights at the pixel centres of a grid."""
+        return self.heights(plan_of(grid)).reshape(grid.rows, grid.columns)
+
+
+TRUE_GROUND, DEM = Hills(), Hills(1.5)
+
+
+def plan_of(grid: Grid) -> Matrix:
+    """Easting and northing of all pixel centres, row by row."""
+    columns, rows = np.meshgrid(np.arange(grid.columns) + 0.5, np.arange(grid.rows) + 0.5)
+    return grid.object_from_grid(np.column_stack([columns.ravel(), rows.ravel()]))
+
+
+def about(place: Matrix, half_m: float, pixel_m: float) -> Grid:
+    """A grid of an odd number of pixels whose middle one has its centre at a place (2,)."""
+    half = round(half_m / pixel_m)
+    side = 2 * half + 1
+    west, north = place[0] - side * pixel_m / 2, place[1] + side * pixel_m / 2
+    return Grid(float(west), float(north), pixel_m, side, side)
+
+
+def pixels_about(middle: PixelPoints, half: float, count: int) -> PixelPoints:
+    """A lattice of pixels about one, row by row."""
+    axis = (np.arange(count) + 0.5) / count * 2 * half - half
+    columns, rows = np.meshgrid(axis, axis)
+    return middle + np.column_stack([columns.ravel(), rows.ravel()])
+
+
+def junctions() -> Matrix:
+    """Known crossroads of the block; each lies in two photos or more, all but the last in four."""
+    length, width = PLAN.extent
+    shares = np.array(
+        [[0.5, 0.5], [0.38, 0.5], [0.62, 0.5], [0.5, 0.2], [0.5, 0.8], [0.28, 0.3],
+         [0.72, 0.3], [0.28, 0.7], [0.72, 0.7]]
+    )  # fmt: skip
+    return np.round(shares * [length, width] / FIELD_M) * FIELD_M
+
+
+@lru_cache(maxsize=4)
+def _tables(seed: int) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """Tones of the fields now and new ones, which change first, and texture or grain."""
+    rng = np.random.default_rng(7000 + seed)
+    new, other = rng.uniform(60, 190, (2, 64, 64))
+    texture = gaussian_filter(rng.normal(0, 1, (512, 512)), 2, mode="wrap")
+    return new, other, rng.random((64, 64)), texture / texture.std()
+
+
+def painted(plan: Matrix, changed: float, seed: int) -> Scalars:
+    """Grey values of the ground; of that of today where nothing has changed."""
+    now, then, order, texture = _tables(seed)
+    column, row = (np.floor(plan / FIELD_M).astype(np.int64) % 64).T
+    tone = np.where(order[row, column] < changed, then[row, column], now[row, column])
+    fine = map_coordinates(texture, (plan / 0.8).T, order=1, mode="grid-wrap")
+    away = np.abs((plan + FIELD_M / 2) % FIELD_M - FIELD_M / 2).min(axis=1)
+    # Edges of roads are as soft as lens and film have them.
+    road = np.clip((ROAD_M / 2 + 0.5 - away), 0, 1)
+    return (1 - road) * (tone + 12 * fine) + road * 215
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """What decides the flight."""
+
+    changed: float
+    """Share of the fields with another tone than today."""
+    seed: int
+    """Of ground, film and noise."""
+
+
+@lru_cache(maxsize=8)
+def true_flight(given: Given) -> Flight:
+    """The photos as they truly stand, and what is measured of ties."""
+    plan = replace(PLAN, seed=given.seed)
+    rng = np.random.default_rng(3000 + given.seed)
+    side = round(2 * (HALF_MM + 4) / PIXEL_MM)
+    photos: dict[str, Photo] = {}
+    for name, photo in flown(plan).items():
+        turn, shear = rng.normal(0, 0.006), rng.normal(0, 0.0002)
+        shrunk = np.diag(SHRUNK * (1 + rng.normal(0, 1e-4, 2))) @ np.array([[1, shear], [0, 1]])
+        turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        pixel = np.diag([1.0, -1.0]) @ turned @ shrunk / PIXEL_MM
+        offset = side / 2 + rng.normal(0, 30, 2)
+        film = invert_affine(np.column_stack([pixel, offset]))
+        certified = np.array(list(MARKS.values()))
+        marks = apply_affine(np.column_stack([pixel, offset]), certified)
+        none = np.zeros_like(certified)
+        interior = InteriorOrientation("affine", film, tuple(MARKS), marks, none, float("nan"))
+        photos[name] = replace(
+            photo, size_px=(side, side), interior=interior, corrections=CORRECTIONS
+        )
+    return observed(photos, CAMERA, plan, junctions(), sigma_m=CONTROL_M)
+
+
+def scan_values(photo: Photo, pixels: PixelPoints, given: Given) -> Scalars:
+    """What the scan of a photo, as it truly stands, shows at any pixels."""
+    ground = object_on_ground(photo, CAMERA, pixels, TRUE_GROUND)
+    seen = painted(ground[:, :2], given.changed, given.seed)
+    grain = _tables(given.seed)[3]
+    column, row = (np.floor(pixels).astype(np.int64) % 512).T
+    film = photo.interior.film_from_pixel(pixels)
+    inside = (np.abs(film) < HALF_MM).all(axis=1)
+    return np.where(inside, 0.9 * seen + 3 * grain[column, row], 18.0)
+
+
+@lru_cache(maxsize=1)
+def drawn_cross() -> Matrix:
+    """A fiducial as the engine draws it to look for it."""
+    return draw_mark(CROSS, PIXEL_MM)
+
+
+def mark_window(photo: Photo, name: str, seed: int) -> tuple[tuple[int, int], Matrix]:
+    """Corner (column, row) and grey values of a window about a fiducial on the dark rim."""
+    place = photo.interior.pixel_from_film(np.array([MARKS[name]]))[0]
+    corner = np.floor(place).astype(np.int64) - WINDOW_PX
+    side = 2 * WINDOW_PX + 1
+    # A mark is drawn where the film has it, to a part of a pixel.
+    fine = drawn_cross()
+    moved = np.column_stack([np.eye(2), place - corner - fine.shape[0] // 2 - 0.5])
+    cover = cv2.warpAffine(fine.astype(np.float32), moved, (side, side))
+    rng = np.random.default_rng([seed, int(name)])
+    gray = 40 + rng.normal(0, 12, (side, side))
+    return (int(corner[0]), int(corner[1])), gray * (1 - cover) + 215 * cover
+
+
+@lru_cache(maxsize=64)
+def measured_marks(name: str, seed: int) -> PixelPoints:
+    """Where the engine finds the fiducials of a photo."""
+    photo = true_flight(Given(0.0, seed)).photos[name]
+    found: list[tuple[float, float]] = []
+    for mark in MARKS:
+        corner, gray = mark_window(photo, mark, seed)
+        start = (WINDOW_PX + 4.0, WINDOW_PX - 3.0)
+        centre = match_mark(gray.astype(np.float32), start, 15.0, drawn_cross(), judged=False)
+        assert not isinstance(centre, Failure), centre.reason
+        found.append((corner[0] + centre.column, corner[1] + centre.row))
+    return np.array(found)
+
+
+@lru_cache(maxsize=8)
+def approximate(given: Given) -> dict[str, Photo]:
+    """The photos as the search begins: interiors from the marks, rough exteriors."""
+    rng = np.random.default_rng(5000 + given.seed)
+    photos: dict[str, Photo] = {}
+    for name, photo in true_flight(given).photos.items():
+        pixels = measured_marks(name, given.seed)
+        certified = np.array(list(MARKS.values()))
+        interior = fit_interior(tuple(MARKS), pixels, certified, "affine")
+        assert isinstance(interior, InteriorOrientation), interior.reason
+        true = photo.exterior
+        angles = (true.angles + rng.normal(0, TURNED, 3)).tolist()
+        rough = ExteriorOrientation(true.centre + rng.normal(0, OFF_M, 3), *angles)
+        photos[name] = replace(photo, interior=interior, exterior=rough, approximate=rough)
+    return photos
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """One search for a known point in one photo."""
+
+    template: Matrix
+    """The ortho of today about the point, a metre a pixel."""
+    scores: ScoreMap
+    """How alike the scan is wherever the patch was laid."""
+    peaks: tuple[ScorePeak, ...]
+    """Highest first."""
+    expected: PixelPoints
+    """Where the rough orientation expects the point in the scan, (1, 2)."""
+    pixel: PixelPoints
+    """Where it was found, (1, 2)."""
+    sigma_px: float
+    """How surely, scan pixels."""
+
+
+@lru_cache(maxsize=256)
+def searched(point: int, name: str, given: Given) -> Found:
+    """The present ortho about a point sought in a scan laid on the DEM."""
+    flight, photo = true_flight(given), approximate(given)[name]
+    place = flight.block.surveyed[str(point)].position
+    operator = OPERATORS["cfog"]
+    patch_grid, grid = (about(place[:2], half, 1.0) for half in (PATCH_M, PATCH_M + REACH_M))
+    template = painted(plan_of(patch_grid), 0.0, given.seed)
+    template = template.reshape(patch_grid.rows, -1).astype(np.float32)
+    window = laid_on_dem(photo, grid, flight.photos[name], given).astype(np.float32)
+    scores = operator.scores(
+        operator.of_scan(window, PATCH_M),
+        operator.of_reference(template, np.zeros_like(template), PATCH_M),
+    )
+    peaks = detect_peaks(scores, PEAKS, APART_PX)
+    shift = np.array([peaks[0].column - REACH_M, REACH_M - peaks[0].row])
+    plan = place[None, :2] + shift
+    shown = np.column_stack([plan, DEM.heights(plan)])
+    pixel_m = photo.ground_pixel_m(CAMERA)
+    return Found(
+        template, scores, peaks, photo.pixel_from_object(place[None], CAMERA),
+        photo.pixel_from_object(shown, CAMERA), peaks[0].sigma_px / pixel_m,
+    )  # fmt: skip
+
+
+def laid_on_dem(photo: Photo, grid: Grid, true: Photo, given: Given) -> Matrix:
+    """A scan rectified onto a grid: its values where an orientation sees the pixels of the DEM."""
+    plan = plan_of(grid)
+    pixels = photo.pixel_from_object(np.column_stack([plan, DEM.heights(plan)]), CAMERA)
+    return scan_values(true, pixels, given).reshape(grid.rows, grid.columns)
+
+
+@lru_cache(maxsize=8)
+def adjusted(given: Given) -> AdjustmentReport:
+    """The block with its ties and with the control that was found, adjusted."""
+    block = true_flight(given).block
+    measured: dict[tuple[str, str], Measurement] = {}
+    for point, name in block.measurements:
+        found = searched(int(point), name, given)
+        column, row = found.pixel[0].tolist()
+        measured[point, name] = Measurement(point, name, column, row, found.sigma_px)
+    return adjust_block(replace(block, measurements=measured).with_photos(approximate(given)), HELD)
+
+
+def photos_of(point: int, given: Given) -> list[str]:
+    """Photos in which a known point is sought, the one that shows it nearest its middle first."""
+    flight = true_flight(given)
+    names = [name for known, name in flight.block.measurements if known == str(point)]
+    place = flight.block.surveyed[str(point)].position[None]
+
+    def from_middle(name: str) -> float:
+        photo = flight.photos[name]
+        pixel = photo.pixel_from_object(place, CAMERA)
+        return float(np.hypot(*photo.interior.film_from_pixel(pixel)[0]))
+
+    return sorted(names, key=from_middle)
+
+
+@lru_cache(maxsize=8)
+def seams(given: Given) -> tuple[LabelledGround, tuple[str, ...]]:
+    """Which photo shows which cell of the mosaic, as the engine divides the ground."""
+    block, truth = adjusted(given).block, true_flight(given).photos
+    low, high = junctions().min(axis=0) - 1500, junctions().max(axis=0) + 1500
+    side = 2 * CELL_M * np.ceil((high - low).max() / CELL_M / 2)
+    west, south = np.floor(low / CELL_M) * CELL_M
+    cells = int(side / CELL_M)
+    grid = Grid(float(west), float(south + side), CELL_M, cells, cells)
+    plan = plan_of(grid)
+    views: list[SeamView] = []
+    for name, photo in block.photos.items():
+        ground = np.column_stack([plan, DEM.heights(plan)])
+        pixels = photo.pixel_from_object(ground, CAMERA)
+        reach = np.abs(photo.interior.film_from_pixel(pixels)).max(axis=1)
+        gray = np.clip(scan_values(truth[name], pixels, given), 1, 255)
+        gray = np.where(reach < HALF_MM, gray, 0).reshape(cells, cells).astype(np.float16)
+        full, inner = (
+            (reach < HALF_MM - rim).reshape(cells, cells) for rim in (CELL_M / SCALE * 500, 12.0)
+        )
+        nadir = float(photo.exterior.centre[0]), float(photo.exterior.centre[1])
+        views.append(SeamView(name, nadir, grid, gray, full, full, inner))
+    return label_ground(views), tuple(block.photos)
+
+
+GROUND_PIXEL_M = PIXEL_MM / 1000 * SCALE
+"""Pixel of the scans on level ground."""
+
+
+def true_place(point: int, given: Given) -> ObjectPoints:
+    """A crossroads where it truly lies, (1, 3)."""
+    return on_hills(junctions()[point][None])

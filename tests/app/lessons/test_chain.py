@@ -1,0 +1,132 @@
+"""The lesson on the whole chain: what it finds at each step, beside what was put in."""
+
+import numpy as np
+import pytest
+
+from app.lessons import chain_flight as flown
+from app.lessons.chain import LESSON, STEPS
+from app.lessons.chain_flight import CAMERA, DEM, MARKS, Given
+from app.teaching import Teacher, find_lessons, shown
+
+SEEDS = range(1, 6)
+
+
+def figures(step: str, **state: float):
+    number = [one.__name__ for one in STEPS].index(step) + 1
+    return LESSON.view(LESSON.start | {"step": float(number)} | state).figures
+
+
+def off(found, *names: str) -> float:
+    """Distance of an estimate from what was put in."""
+    return float(np.hypot(*(found[name].value - found[name].truth for name in names)))
+
+
+def test_fiducials_are_measured_to_a_tenth_of_a_pixel__truth():
+    for seed in SEEDS:
+        for name, photo in flown.true_flight(Given(0.6, seed)).photos.items():
+            true = photo.interior.pixel_from_film(np.array(list(MARKS.values())))
+            away = flown.measured_marks(name, seed) - true
+            assert np.sqrt(np.mean(away**2)) < 0.1
+            assert np.abs(away).max() < 0.3
+
+
+def test_the_film_point_is_found_to_two_micrometres__truth():
+    for seed in SEEDS:
+        for point in (1, 5, 9):
+            found = figures("interior", seed=seed, point=point)
+            assert 1000 * off(found, "film_x", "film_y") < 2.0
+
+
+def test_corrections_are_those_of_the_true_photo__truth():
+    """Rough orientations tilt the photo by a tenth of a degree: less than 0.1 um."""
+    for seed in SEEDS:
+        for one in figures("corrections", seed=seed, point=6).values():
+            assert one.value == pytest.approx(one.truth, abs=0.3)
+
+
+def test_the_search_finds_the_crossroads_though_most_fields_have_changed__truth():
+    """To a metre of the ortho, which is what its pixels are; peaks of other crossroads are few."""
+    misses = [
+        off(figures("search", seed=seed, point=point), "east", "north")
+        for seed in SEEDS
+        for point in range(1, 10)
+    ]
+    assert np.mean(np.array(misses) < 1.0) > 0.9
+    assert np.median(misses) < 0.5
+
+
+def test_the_measured_place_lies_within_its_standard_deviations__truth():
+    inside = []
+    for seed in SEEDS:
+        for point in range(1, 10):
+            found = figures("control", seed=seed, point=point)
+            inside.append(off(found, "column", "row") < 5 * found["sigma_px"].value)
+    assert np.mean(inside) > 0.85
+
+
+def test_the_adjusted_block_is_as_good_as_it_says__truth():
+    ratios = []
+    for seed in SEEDS:
+        report = flown.adjusted(Given(0.6, seed))
+        assert 0.6 < report.sigma_nought < 1.2
+        for name, place in report.surveyed_positions.items():
+            away = (place - flown.true_place(int(name), Given(0.6, seed))[0])[:2]
+            ratios.append(np.hypot(*away) / np.hypot(*report.surveyed_sigmas_m[name][:2]))
+    # Known points are off by 0.3 m by themselves, which their ellipses have.
+    assert np.sqrt(np.mean(np.square(ratios))) < 3
+
+
+@pytest.mark.parametrize("step", ["ray", "mosaic"])
+def test_ray_and_mosaic_miss_the_truth_by_what_heights_and_orientations_do__truth(step):
+    names = {"ray": ("ground_east", "ground_north"), "mosaic": ("mosaic_east", "mosaic_north")}
+    misses = [
+        off(figures(step, seed=seed, point=point), *names[step])
+        for seed in SEEDS
+        for point in (1, 4, 7)
+    ]
+    # Heights wrong by 1.5 m at most, seen at 45 degrees at most, and orientations of half a metre.
+    assert max(misses) < 2.5
+    assert np.median(misses) < 1.2
+
+
+def test_two_rays_tell_the_height_as_their_covariance_says__truth():
+    ratios = [
+        (found["height"].value - found["height"].truth) / found["sigma_height"].value
+        for seed in SEEDS
+        for point in range(1, 10)
+        for found in [figures("neighbours", seed=seed, point=point)]
+    ]
+    assert np.median(np.abs(ratios)) < 2.0
+
+
+def test_a_scan_is_the_ground_seen_through_its_film__law():
+    """Rectified by the true orientation on the true ground, it is the painting and grain."""
+    given = Given(0.6, 1)
+    name, photo = next(iter(flown.true_flight(given).photos.items()))
+    grid = flown.about(photo.exterior.centre[:2] + 300, 40.0, 1.0)
+    plan = flown.plan_of(grid)
+    pixels = photo.pixel_from_object(
+        np.column_stack([plan, flown.TRUE_GROUND.heights(plan)]), CAMERA
+    )
+    values = flown.scan_values(photo, pixels, given)
+    painted = 0.9 * flown.painted(plan, 0.6, 1)
+    assert np.corrcoef(values, painted)[0, 1] > 0.98
+    assert not np.allclose(DEM.heights(plan), flown.TRUE_GROUND.heights(plan))
+    assert name in flown.approximate(given)
+
+
+def test_truth_in_the_pictures_is_hidden_until_it_is_asked_for__law():
+    for step in range(1, len(STEPS) + 1):
+        view = shown(LESSON.view(LESSON.start | {"step": float(step)}), False)
+        assert all(one.truth is None for one in view.figures.values())
+        assert "truth" not in {s.look for canvas in view.canvases for s in canvas.shapes}
+
+
+def test_every_step_has_a_picture_a_formula_and_its_source__law():
+    told = Teacher(find_lessons()).listed("en")["words"]
+    for number, step in enumerate(STEPS, 1):
+        view = LESSON.view(LESSON.start | {"step": float(number)})
+        assert view.step == step.__name__
+        assert len(view.equations) == 1
+        assert told[f"lesson.chain.step.{view.step}"].startswith(f"{number} ")
+        assert told[f"lesson.chain.source_of.{view.step}"]
