@@ -222,3 +222,25 @@ def test_formulas_with_their_numbers_fit_into_their_room__law(learn, language):
         settled(page)
         room = page.locator("#formulas")
         assert room.evaluate("e => e.scrollWidth <= e.clientWidth"), name
+
+
+@pytest.mark.parametrize("language", ["en", "cs"])
+def test_each_step_of_the_chain_has_its_drawings_text_formula_and_source__law(learn, language):
+    page, wrong = learn("chain", language=language, size={"width": 1366, "height": 768})
+    teacher = Teacher(LESSONS)
+    words = teacher.listed(language)["words"]
+    for step in range(1, 11):
+        page.locator("#slider-step").fill(str(step))
+        settled(page)
+        view = teacher.view("chain", page.evaluate("gruber.state.values"), truth=False)
+        assert page.locator(".drawing").count() == len(view["canvases"])
+        titles = [words[f"lesson.chain.canvas.{one['name']}"] for one in view["canvases"]]
+        assert page.locator(".drawing figcaption").all_inner_texts() == titles
+        pictures = [s for canvas in view["canvases"] for s in canvas["shapes"] if "image" in s]
+        assert page.locator(".drawing image").count() == len(pictures)
+        assert page.locator("#about p").first.inner_text().startswith(f"{step} ")
+        source = words[f"lesson.chain.source_of.{view['step']}"]
+        assert source in page.locator("#formulas .source").inner_text()
+        room = page.locator("#formulas")
+        assert room.evaluate("e => e.scrollWidth <= e.clientWidth")
+    assert wrong == []
