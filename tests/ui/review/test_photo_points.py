@@ -1,9 +1,12 @@
 """Special points of a photo as scene and scan show them, and corrections at a place."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from core.geometry.collinearity import film_from_object
+from core.geometry.interior import InteriorOrientation, fit_interior
 from tests.ui.desk_block import CAMERA, tiny_block
 from ui.review.compare import DrawnPhoto, ground_from_pixel
 from ui.review.photo_points import (
@@ -73,3 +76,24 @@ def test_beside_the_scan_and_where_no_ray_meets_the_ground_nothing_is_told__law(
     assert corrections_part(drawn, DEM, "ground", np.array([[np.nan, 0.0]])) == []
     assert corrections_part(drawn, DEM, "scan", np.array([[-1.0, 300.0]])) == []
     assert corrections_part(drawn, DEM, "scan", np.array([[300.0, 1201.0]])) == []
+
+
+def test_a_camera_with_marks_has_a_fiducial_centre_and_its_film_a_shape__truth():
+    """Film longer by a thousandth along x than along y: half of it either way of a similarity."""
+    certified = np.array([[-80.0, 80.0], [80.0, 80.0], [80.0, -80.0], [-80.0, -80.0]])
+    camera = replace(
+        CAMERA, fiducials_mm={str(n): (x, y) for n, (x, y) in enumerate(certified.tolist())}
+    )
+    pixels = np.column_stack([1.0005 * certified[:, 0], -0.9995 * certified[:, 1]]) / 0.15 + 600
+    interior = fit_interior(tuple("0123"), pixels, certified, "affine")
+    assert isinstance(interior, InteriorOrientation)
+    photo = replace(next(iter(PHOTOS.values())), interior=interior)
+    drawn = DrawnPhoto(photo, camera, 1)
+    block = replace(tiny_block().block, cameras={CAMERA.name: camera})
+    assert letters_of(block) == ["N", "I", "H", "M"]
+    letter, pixel, _ = special_part(drawn, DEM)[-1]
+    assert (letter, pixel) == ("M", pytest.approx([600.0, 600.0], abs=0.01))
+    place = interior.pixel_from_film(np.array([[60.0, 0.0]]))
+    rows = {name: numbers for name, *numbers in corrections_part(drawn, DEM, "scan", place)}
+    assert rows["film"][0] == pytest.approx(30.0, abs=0.2)
+    assert rows["film"][1] == pytest.approx(0.2, abs=0.005)
