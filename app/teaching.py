@@ -197,7 +197,6 @@ def plain(value: Any) -> Any:
                 "number": plain(value.number),
                 "handle": value.handle,
                 "below": value.below,
-                "image": value.image,
             }
             own = {name: one for name, one in rest.items() if one}
             return {"kind": value.kind, "points": value.points, "look": value.look, **own}

@@ -64,7 +64,8 @@ class Followed:
 
 def number(value: float, digits: int, unit: str = "", truth: float | None = None) -> sheet.Number:
     """A figure with what was put in."""
-    return sheet.Number(float(value), digits, unit, None if truth is None else float(truth))
+    known = None if truth is None else float(truth)
+    return sheet.Number(float(value), digits, unit, known)
 
 
 def raster(
@@ -72,12 +73,9 @@ def raster(
     *marks: sheet.Shape, unit: str = "m",
 ) -> sheet.Canvas:  # fmt: skip
     """A picture with marks over it."""
-    return sheet.Canvas(name, window, (sheet.picture(values, window), *marks), unit)
-
-
-def seen_from(middle: PixelPoints, pixel: PixelPoints) -> Matrix:
-    """A pixel from a middle one, with y up, as drawings have it."""
-    return (pixel - middle) * [1.0, -1.0]
+    low, high = np.quantile(values, [0.01, 0.99])
+    gray = 255 * (values - low) / max(float(high - low), 1e-9)
+    return sheet.Canvas(name, window, marks, unit, picture=sheet.picture(gray, window))
 
 
 def scan(f: Followed) -> Part:
@@ -93,16 +91,17 @@ def scan(f: Followed) -> Part:
     near = np.array([corner]) + gray.shape[0] / 2
     half_near = gray.shape[0] / 2
     true = f.true.interior.pixel_from_film(np.array([MARKS["1"]]))
+    exact = flown.seen_from(near, true)
     canvases = (
         raster(
             "scan", whole, (-half, -half, half, half),
-            sheet.shape("crosses", seen_from(middle, marks), "bad"),
-            sheet.shape("dots", seen_from(middle, f.true_pixel), "bad", "point"), unit="px",
+            sheet.shape("crosses", flown.seen_from(middle, marks), "bad"),
+            sheet.shape("dots", flown.seen_from(middle, f.true_pixel), "bad", "point"), unit="px",
         ),
         raster(
             "mark", gray, (-half_near, -half_near, half_near, half_near),
-            sheet.shape("line", sheet.ellipse(seen_from(near, true)[0], 4 * np.eye(2)), "truth"),
-            sheet.shape("crosses", seen_from(near, marks[:1]), "bad"), unit="px",
+            sheet.shape("line", sheet.ellipse(exact[0], 4 * np.eye(2)), "truth"),
+            sheet.shape("crosses", flown.seen_from(near, marks[:1]), "bad"), unit="px",
         ),
     )  # fmt: skip
     figures = {
@@ -248,7 +247,7 @@ def control(f: Followed) -> Part:
     looks: dict[str, sheet.Look] = {"expected": "estimate", "measured": "bad", "truth": "truth"}
     marks = [
         sheet.shape(
-            "crosses", seen_from(found.pixel, pixel), looks[name], name, below=name == "truth"
+            "crosses", flown.seen_from(found.pixel, pixel), looks[name], name, below=name == "truth"
         )
         for name, pixel in near.items()
     ]
@@ -286,7 +285,7 @@ def neighbours(f: Followed) -> Part:
                 (-half, -half, half, half),
                 sheet.shape("crosses", [(0, 0)], "bad", "measured"),
                 sheet.shape(
-                    "crosses", seen_from(found.pixel, exact), "truth", "truth", below=True
+                    "crosses", flown.seen_from(found.pixel, exact), "truth", "truth", below=True
                 ), unit="px",
             )
         )  # fmt: skip

@@ -106,6 +106,11 @@ def pixels_about(middle: PixelPoints, half: float, count: int) -> PixelPoints:
     return middle + np.column_stack([columns.ravel(), rows.ravel()])
 
 
+def seen_from(middle: PixelPoints, pixel: PixelPoints) -> Matrix:
+    """A pixel from a middle one, with y up, as drawings have it."""
+    return (pixel - middle) * [1.0, -1.0]
+
+
 def junctions() -> Matrix:
     """Known crossroads of the block; each lies in two photos or more, all but the last in four."""
     length, width = PLAN.extent

@@ -4,7 +4,7 @@ A lesson is a module of this folder with a `LESSON`. Its texts stand in `ui/word
 or in the lesson itself (`texts`), so that one file is enough.
 """
 
-import base64
+from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -24,7 +24,7 @@ Look = Literal[
     "truth", "estimate", "given", "ray", "ground", "film", "faint", "bad", "error", "axis", "second"
 ]
 """What a shape means; the page gives it its colour. `truth` can be hidden."""
-Kind = Literal["line", "area", "dots", "crosses", "arrow", "text", "picture"]
+Kind = Literal["line", "area", "dots", "crosses", "arrow", "text"]
 Places = ArrayLike
 """Rows of x and y; of x, y and height in a drawing in space."""
 
@@ -104,8 +104,16 @@ class Shape:
     """Sliders that are moved with its only point: by x and by y."""
     below: bool = False
     """Whether its label stands below instead of above."""
-    image: str = ""
-    """Of a picture, between its lower left and its upper right corner: a PNG as a data address."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """A picture beneath the shapes of a drawing."""
+
+    address: str
+    """The picture itself, as a data address."""
+    window: tuple[float, float, float, float]
+    """Where it lies: left, lower, right, upper edge."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,6 +131,8 @@ class Canvas:
     """Of its coordinates."""
     equal: bool = True
     """Whether both axes have one scale."""
+    picture: Picture | None = None
+    """What lies beneath."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -268,24 +278,19 @@ def shape(
     return Shape(kind, np.round(kept, 3).tolist(), look, label, number, handle, below)
 
 
-def picture(values: np.ndarray, window: tuple[float, float, float, float]) -> Shape:
-    """A raster, first row on top, between left, lower, right and upper edge; from black to white.
-
-    Values are stretched between their hundredths; those that are not finite are dark.
-    """
-    known = values[np.isfinite(values)]
-    low, high = np.quantile(known, [0.01, 0.99]) if known.size else (0.0, 1.0)
-    gray = np.nan_to_num((values - low) / max(float(high - low), 1e-9), nan=0.0)
-    _, data = cv2.imencode(".png", np.rint(255 * np.clip(gray, 0, 1)).astype(np.uint8))
-    address = f"data:image/png;base64,{base64.b64encode(np.asarray(data).tobytes()).decode()}"
-    left, lower, right, upper = window
-    return Shape("picture", [[left, lower], [right, upper]], "film", image=address)
-
-
 def curve(name: str, x: ArrayLike, y: ArrayLike, look: Look = "estimate") -> Curve:
     """A line of a plot."""
     points = np.column_stack([np.asarray(x, np.float64), np.asarray(y, np.float64)])
     return Curve(name, points[np.isfinite(points).all(axis=1)].tolist(), look)
+
+
+def picture(
+    values: np.ndarray, window: tuple[float, float, float, float], suffix: str = ".jpg"
+) -> Picture:
+    """A picture of grey values or of colours (blue, green, red), 0 to 255."""
+    _, coded = cv2.imencode(suffix, np.clip(np.rint(values), 0, 255).astype(np.uint8))
+    kind = "png" if suffix == ".png" else "jpeg"
+    return Picture(f"data:image/{kind};base64,{b64encode(coded.tobytes()).decode()}", window)
 
 
 def frame_of(half: float) -> list[list[float]]:

@@ -236,7 +236,7 @@ def test_each_step_of_the_chain_has_its_drawings_text_formula_and_source__law(le
         assert page.locator(".drawing").count() == len(view["canvases"])
         titles = [words[f"lesson.chain.canvas.{one['name']}"] for one in view["canvases"]]
         assert page.locator(".drawing figcaption").all_inner_texts() == titles
-        pictures = [s for canvas in view["canvases"] for s in canvas["shapes"] if "image" in s]
+        pictures = [canvas for canvas in view["canvases"] if canvas["picture"]]
         assert page.locator(".drawing image").count() == len(pictures)
         assert page.locator("#about p").first.inner_text().startswith(f"{step} ")
         source = words[f"lesson.chain.source_of.{view['step']}"]

@@ -819,7 +819,7 @@ interface Lesson {
   truth: boolean;
 }
 interface LessonShape {
-  kind: "line" | "area" | "dots" | "crosses" | "arrow" | "text" | "picture";
+  kind: "line" | "area" | "dots" | "crosses" | "arrow" | "text";
   /** Of three numbers each in space. */
   points: Pair[];
   look: string;
@@ -827,8 +827,6 @@ interface LessonShape {
   number?: LessonNumber;
   handle?: [across: string, up: string];
   below?: boolean;
-  /** A PNG between lower left and upper right corner. */
-  image?: string;
 }
 interface LessonCanvas {
   name: string;
@@ -837,6 +835,7 @@ interface LessonCanvas {
   shapes: LessonShape[];
   unit: string;
   equal: boolean;
+  picture: { address: string; window: [number, number, number, number] } | null;
 }
 interface LessonPlot {
   x: string;

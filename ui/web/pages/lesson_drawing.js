@@ -64,7 +64,8 @@ function draw(sheet, canvas, doer) {
   const ordered = [...canvas.shapes.filter(({ handle }) => !handle), ...handles];
   sheet.setAttribute("role", handles.length || sheet.hasAttribute("tabindex") ? "group" : "img");
   sheet.setAttribute("viewBox", `0 0 ${width} ${height}`);
-  sheet.replaceChildren(...ordered.flatMap((shape) => parts(shape, scale)),
+  sheet.replaceChildren(...beneath(canvas, scale),
+    ...ordered.flatMap((shape) => parts(shape, scale)),
     ...ordered.flatMap((shape) => label(shape, scale, doer, width)),
     ...(canvas.equal ? scaleBar(canvas, scale, width, height) : []));
   const knobs = handles.map((shape) => knob(shape, canvas, scale, doer));
@@ -90,16 +91,19 @@ function scaleOf({ window: [left, lower, right, upper], equal }, width, height) 
   };
 }
 
+/** The picture that shapes are drawn on. @param {LessonCanvas} canvas @param {Scale} scale */
+function beneath({ picture }, { x, y }) {
+  if (!picture) return [];
+  const [left, lower, right, upper] = picture.window;
+  return [svg("image", { href: picture.address, preserveAspectRatio: "none",
+    x: x(left), y: y(upper), width: x(right) - x(left), height: y(lower) - y(upper) })];
+}
+
 /** @param {LessonShape} shape @param {Scale} scale @returns {Node[]} */
-function parts({ kind, points, look, handle, image }, { x, y }) {
+function parts({ kind, points, look, handle }, { x, y }) {
   const places = points.map(([a, b]) => [x(a), y(b)]);
   const list = places.map((place) => place.map((value) => value.toFixed(1)).join(",")).join(" ");
   if (!places.length || handle || kind === "text") return [];
-  if (kind === "picture") {
-    const [[left, low], [right, top]] = places;
-    return [svg("image", { href: image ?? "", preserveAspectRatio: "none", x: left, y: top,
-      width: right - left, height: low - top })];
-  }
   const look_ = `look-${look}`;
   if (kind === "line") return [svg("polyline", { class: look_, points: list })];
   if (kind === "area") return [svg("polygon", { class: look_, points: list })];

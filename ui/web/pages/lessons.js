@@ -198,6 +198,8 @@ async function askNewest() {
       return tell(answer.error === "teach.lost" ? word("teach.lost") : answer.error, true);
     }
     if (lesson === state.lesson) {
+      // A step may have another number of drawings than the one before.
+      if (state.view?.canvases.length !== answer.canvases.length) state.show = null;
       state.view = answer;
       show();
       state.waits.push(performance.now() - began);
@@ -209,8 +211,6 @@ async function askNewest() {
 function show() {
   const { view, lesson } = state;
   if (!view) return;
-  // A step may have another number of drawings than the one before.
-  if (byId("drawings").childElementCount !== view.canvases.length) state.show = null;
   state.show ??= drawingRooms(byId("drawings"), view.canvases, {
     text, move, describe: (names) => names.map((name) => text(`slider.${name}`)).join(", "),
   });
