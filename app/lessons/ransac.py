@@ -1,18 +1,34 @@
 """RANSAC: the best of many samples, and what pure chance brings together."""
 
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import cast
 
 import numpy as np
 
 from app.lessons import sheet
 from core.arrays import Flags, Matrix, ObjectPoints, PixelPoints, Scalars
-from core.literature.published_chains import SAMPLE, conditioned, distances, solved
+from core.literature.published_chains import (
+    AXES,
+    BATCH,
+    KOBYLI_1938,
+    KOBYLI_1984,
+    MILOVICE_1938,
+    MILOVICE_1989,
+    SAMPLES_OF,
+    Transform,
+    conditioned,
+    distances,
+    solved,
+)
 
 SIDE_M = 3000.0
 """Ground that the photo shows."""
 RELIEF_M = 60.0
-SAMPLES = 2000
-"""So many samples are drawn; the thesis draws 100 000."""
+SAMPLES = 20_000
+"""So many samples are drawn at most; the thesis draws 100 000."""
+BLOCKS = (MILOVICE_1938, MILOVICE_1989, KOBYLI_1938, KOBYLI_1984)
+"""Settings by the number of the choice; nought are those of the sliders (thesis, Table 6)."""
 
 
 @lru_cache(maxsize=64)
@@ -33,34 +49,66 @@ def candidates(
     return np.column_stack([plan, heights]), places + lean + off, np.asarray(right)
 
 
+@dataclass(frozen=True, slots=True)
+class Search:
+    """Candidates, and what is fitted to them."""
+
+    count: int
+    """Candidates."""
+    share: float
+    """Share of right ones."""
+    half_m: float
+    """How far from its place a wrong one may lie, per axis."""
+    seed: int
+    """Of candidates and samples."""
+    transform: Transform
+    """What a sample determines."""
+
+
 @lru_cache(maxsize=64)
-def scored(count: int, share: float, half_m: float, seed: int) -> Matrix:
-    """Distance of every candidate from where each sample's DLT puts it, metres."""
-    points, pixels, _ = candidates(count, share, half_m, seed)
-    rng = np.random.default_rng(10_000 + seed)
-    drawn = np.argsort(rng.random((SAMPLES, count)), axis=1)[:, :SAMPLE]
-    ground, image = conditioned(points), conditioned(pixels)
+def scored(search: Search, batch: int) -> Matrix:
+    """Distance of every candidate from where each sample of a batch puts it, metres."""
+    points, pixels, _ = candidates(search.count, search.share, search.half_m, search.seed)
+    rng = np.random.default_rng((search.seed, batch))
+    drawn = np.argsort(rng.random((BATCH, search.count)), axis=1)
+    drawn = drawn[:, : SAMPLES_OF[search.transform]]
+    ground, image = conditioned(points[:, : AXES[search.transform]]), conditioned(pixels)
     scale = float(np.std(pixels - pixels.mean(axis=0)))
-    return (distances(solved(ground[drawn], image[drawn]), ground, image) * scale).astype(
-        np.float64
-    )
+    return distances(solved(ground[drawn], image[drawn]), ground, image) * scale
 
 
-def best_so_far(away: Matrix, limit_m: float) -> tuple[Scalars, int]:
-    """Most agreeing candidates after each sample, and which sample has them."""
-    counts = (away < limit_m).sum(axis=1)
-    return np.maximum.accumulate(counts).astype(np.float64), int(counts.argmax())
+def searched(search: Search, limit_m: float, samples: int) -> tuple[Scalars, Flags]:
+    """Most agreeing candidates after each sample, and which agree with the best."""
+    counts, best = list[Scalars](), np.zeros(search.count, dtype=np.bool_)
+    for batch in range(-(-samples // BATCH)):
+        near = scored(search, batch)[: samples - batch * BATCH] < limit_m
+        own = near.sum(axis=1)
+        if own.max() > best.sum():
+            best = near[int(own.argmax())]
+        counts.append(own.astype(np.float64))
+    return np.maximum.accumulate(np.concatenate(counts)), best
+
+
+def search_of(state: sheet.State) -> tuple[Search, float]:
+    """The search that the sliders or a block of the thesis make, and within what agrees, metres."""
+    half, limit, transform = state["half"], state["limit"], cast("Transform", "dlt")
+    if state["block"]:
+        options = BLOCKS[int(state["block"]) - 1]
+        half = (options.window - options.template) / 2
+        limit, transform = options.ransac.threshold_px * options.gsd_m, options.transform
+    share, seed = state["share"] / 100, int(state["seed"])
+    return Search(int(state["N"]), share, half, seed, transform), limit
 
 
 def view(state: sheet.State) -> sheet.View:
     """The candidates, the best sample, and the same search in nothing but chance."""
-    count, share, half = int(state["N"]), state["share"] / 100, state["half"]
-    seed, samples = int(state["seed"]), int(state["samples"])
-    points, _, right = candidates(count, share, half, seed)
-    away = scored(count, share, half, seed)[:samples]
-    best, which = best_so_far(away, state["limit"])
-    chance, _ = best_so_far(scored(count, 0.0, half, seed + 500)[:samples], state["limit"])
-    agrees = away[which] < state["limit"]
+    search, limit = search_of(state)
+    count, share, samples = search.count, search.share, int(state["samples"])
+    points, _, right = candidates(count, share, search.half_m, search.seed)
+    best, agrees = searched(search, limit, samples)
+    noise = replace(search, share=0.0, seed=search.seed + 500)
+    chance, _ = searched(noise, limit, samples)
+    size = SAMPLES_OF[search.transform]
     plan = points[:, :2]
     edge = 0.03 * SIDE_M
     shapes = [
@@ -81,38 +129,41 @@ def view(state: sheet.State) -> sheet.View:
         "best": sheet.Number(float(best[-1]), 0, "", round(share * count)),
         "chance": sheet.Number(float(chance[-1]), 0),
         "right": sheet.Number(float((agrees & right).sum()), 0, secret=True),
-        "all_right": sheet.Number(all_right(share, samples), 1),
+        "all_right": sheet.Number(all_right(share, samples, size), 1),
+        "half": sheet.Number(search.half_m, 1, "m"),
+        "limit": sheet.Number(limit, 1, "m"),
     }
     canvas = sheet.Canvas("plan", (-edge, -edge, SIDE_M + edge, SIDE_M + edge), tuple(shapes))
     symbols = {
         "w": sheet.Number(share, 2),
         "E": figures["all_right"],
         "k": sheet.Number(samples, 0),
-        "m": sheet.Number(SAMPLE, 0),
+        "m": sheet.Number(size, 0),
     }
     return sheet.View(figures, (canvas,), symbols, sheet.Plot("samples", "best", curves))
 
 
-def all_right(share: float, samples: int) -> float:
+def all_right(share: float, samples: int, size: int) -> float:
     """So many samples are expected to hold right candidates alone."""
-    return samples * share**SAMPLE
+    return samples * share**size
 
 
 def ask(rng: np.random.Generator) -> sheet.Asked:
     """How many samples it takes to draw right candidates alone once."""
-    share = float(rng.integers(6, 13) * 5)
-    return sheet.Asked({"w": share, "m": SAMPLE}, 1 / all_right(share / 100, 1))
+    share, size = float(rng.integers(6, 13) * 5), SAMPLES_OF["dlt"]
+    return sheet.Asked({"w": share, "m": size}, 1 / all_right(share / 100, 1, size))
 
 
 LESSON = sheet.Lesson(
     "ransac",
     "i",
     (
+        sheet.Slider("block", 0, len(BLOCKS), 0, 1),
         sheet.Slider("N", 20, 160, 95, 5),
         sheet.Slider("share", 0, 60, 0, 2, "%"),
         sheet.Slider("half", 10, 60, 29, 1, "m"),
         sheet.Slider("limit", 1, 10, 4, 0.5, "m"),
-        sheet.Slider("samples", 50, SAMPLES, SAMPLES, 50, "", "k"),
+        sheet.Slider("samples", 50, SAMPLES, BATCH, 50, "", "k"),
         sheet.SEED,
     ),
     view,

@@ -38,11 +38,11 @@ def experiment(name: str, folder: Path, voice: Voice) -> None:
     ground = open_ground(folder)
     made = EXPERIMENTS[name](ground, voice.stage(name, name))
     seconds = time.monotonic() - started
-    log = write_log(folder, ground, made, seconds)
     voice.ended(name, name, seconds, title)
     for line in table_lines(made, voice.tell):
         voice.say(line)
     voice.say(voice.tell(f"experiment.{name}.note"))
+    log = write_log(folder, ground, made, seconds)
     voice.say(voice.tell("experiment.log", path=str(log)))
 
 

@@ -42,10 +42,13 @@ Preset = Literal["gruber", "thesis-2024", "thesis-2024-1980s", "hoehle-2001"]
 NCC = NccOperator()
 NAMED = {"junction"}
 """Both chains know nothing but junctions."""
-# source: six points give twelve equations for eleven parameters.
-SAMPLE = 6
-# source: definition of the direct linear transformation.
-PARAMETERS = 11
+Transform = Literal["dlt", "projective"]
+"""Direct linear transformation of points in space, or projective one of their places in plan."""
+AXES: dict[Transform, int] = {"dlt": 3, "projective": 2}
+"""Coordinates of the ground that a transformation takes."""
+# source: six points give twelve equations for eleven parameters, four eight for eight.
+SAMPLES_OF: dict[Transform, int] = {"dlt": 6, "projective": 4}
+"""Points that determine a transformation."""
 # design: memory; two megabytes for every hundred candidates.
 BATCH = 2000
 # design: the thesis could not use a DLT at Milovice, with 20 m of relief at most.
@@ -53,8 +56,8 @@ LEAST_RELIEF = 0.02
 """Below this share of the flying height the relief does not determine the parameters."""
 Agreeing = Int[np.ndarray, "agreeing"]
 """Indices of candidates."""
-Models = Float64[np.ndarray, "samples 11"]
-"""Parameters of many transformations."""
+Models = Float64[np.ndarray, "samples parameters"]
+"""Parameters of many transformations, eleven of a DLT, eight of a projective one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +66,12 @@ class RansacOptions:
 
     # source: thesis, Table 6.
     samples: int = 100_000
-    """Samples of six points."""
+    """Samples of as many points as the transformation needs."""
     # source: thesis, Table 6: 4 m at 1 m a pixel.
     threshold_px: float = 4.0
     """A point agrees when the model puts it closer than this, pixels."""
+    transform: Transform = "dlt"
+    """What a sample determines."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +104,8 @@ class PublishedOptions:
     # source: thesis, Table 6.
     samples: int = 100_000
     """Samples of RANSAC."""
+    transform: Transform = "dlt"
+    """What RANSAC fits."""
     # source: thesis: Campari with GCP=[3 m, 5.22 px].
     sigma_m: float = 3.0
     """Standard deviation of control per axis in the adjustment, metres."""
@@ -106,8 +113,17 @@ class PublishedOptions:
     sigma_px: float = 5.22
     """Standard deviation of its measurement, pixels."""
 
+    @property
+    def ransac(self) -> RansacOptions:
+        """RANSAC on a grid of this resolution."""
+        return RansacOptions(self.samples, (self.ransac_m or 0.0) / self.gsd_m, self.transform)
+
 
 MILOVICE_1938 = PublishedOptions()
+# source: thesis, Table 6; level ground, so that no DLT could be had.
+MILOVICE_1989 = PublishedOptions(window=440.0, least_ncc=0.45, ransac_m=3.0, transform="projective")
+# source: thesis, Table 6.
+KOBYLI_1938 = PublishedOptions(window=90.0, ransac_m=2.0)
 # source: thesis, Table 6, photos of 1984.
 KOBYLI_1984 = PublishedOptions(window=160.0, least_ncc=0.45, ransac_m=2.0)
 # source: thesis, chapter 2.3, on Höhle and Potůčková 2001: sizes and limit. design: it gives no
@@ -265,9 +281,8 @@ def agreed(
     owner = np.array([point for point, _ in found], dtype=np.int64)
     pixels = np.array([[peak.column, peak.row] for _, peak in found]).reshape(-1, 2)
     limit = options.ransac_m / opened.ground_pixel_m
-    return agreeing_points(
-        points.positions[owner], pixels, owner, RansacOptions(options.samples, limit), rng
-    )
+    ransac = RansacOptions(options.samples, limit, options.transform)
+    return agreeing_points(points.positions[owner], pixels, owner, ransac, rng)
 
 
 def agreeing_points(
@@ -277,7 +292,7 @@ def agreeing_points(
     options: RansacOptions,
     rng: np.random.Generator,
 ) -> Agreeing:
-    """Candidates that the best of many samples of six agrees with.
+    """Candidates that the best of many samples agrees with.
 
     As in the thesis: most candidates win, ties go to the lesser sum of distances, the sample itself
     counts, nothing is refitted.
@@ -285,18 +300,20 @@ def agreeing_points(
     Args:
         points: Known point of each candidate, metres.
         pixels: Where each candidate lies.
-        owner: Number of the known point of each candidate; a sample has six different ones.
+        owner: Number of the known point of each candidate; a sample has different ones.
         options: How many, how near.
         rng: Source of the samples.
     """
-    if len(np.unique(owner)) < SAMPLE:
+    least_points = SAMPLES_OF[options.transform]
+    if len(np.unique(owner)) < least_points:
         return np.zeros(0, dtype=np.int64)
-    ground, image = conditioned(points), conditioned(pixels)
+    ground = conditioned(points[:, : AXES[options.transform]])
+    image = conditioned(pixels)
     best, least = np.zeros(0, dtype=np.int64), (0, 0.0)
     scale = float(np.std(pixels - pixels.mean(axis=0)))
     for start in range(0, options.samples, BATCH):
         size = min(BATCH, options.samples - start)
-        drawn = np.argsort(rng.random((size, len(points))), axis=1)[:, :SAMPLE]
+        drawn = np.argsort(rng.random((size, len(points))), axis=1)[:, :least_points]
         named = np.sort(owner[drawn], axis=1)
         drawn = drawn[(np.diff(named, axis=1) > 0).all(axis=1)]
         models = solved(ground[drawn], image[drawn])
@@ -320,34 +337,38 @@ def conditioned(points: Float64[np.ndarray, "n axes"]) -> Float64[np.ndarray, "n
 
 
 def solved(
-    ground: Float64[np.ndarray, "samples 6 3"], image: Float64[np.ndarray, "samples 6 2"]
+    ground: Float64[np.ndarray, "samples points axes"],
+    image: Float64[np.ndarray, "samples points 2"],
 ) -> Models:
-    """Parameters of every sample by least squares over its twelve equations; NaN if singular."""
-    count = len(ground)
-    design = np.zeros((count, 12, PARAMETERS))
+    """Parameters of every sample by least squares over two equations a point; NaN if singular."""
+    count, points, axes = ground.shape
+    size = axes + 1
+    design = np.zeros((count, 2 * points, 2 * size + axes))
     for axis in range(2):
-        # source: six points, two equations each.
-        rows = slice(axis, 12, 2)
-        design[:, rows, 4 * axis : 4 * axis + 3] = ground
-        design[:, rows, 4 * axis + 3] = 1.0
-        design[:, rows, 8:] = -image[:, :, axis : axis + 1] * ground
-    right = image.reshape(count, 12, 1)
+        rows = slice(axis, 2 * points, 2)
+        design[:, rows, size * axis : size * axis + axes] = ground
+        design[:, rows, size * axis + axes] = 1.0
+        design[:, rows, 2 * size :] = -image[:, :, axis : axis + 1] * ground
+    right = image.reshape(count, 2 * points, 1)
     normal = np.swapaxes(design, 1, 2) @ design
     # design: coordinates are of unit spread, so that it only keeps singular samples solvable.
-    normal += 1e-12 * np.eye(PARAMETERS)
+    normal += 1e-12 * np.eye(design.shape[2])
     return np.linalg.solve(normal, np.swapaxes(design, 1, 2) @ right)[:, :, 0]
 
 
 def distances(
-    models: Models, ground: Float64[np.ndarray, "n 3"], image: Float64[np.ndarray, "n 2"]
+    models: Models,
+    ground: Float64[np.ndarray, "n axes"],
+    image: Float64[np.ndarray, "n 2"],
 ) -> Float64[np.ndarray, "samples n"]:
     """Distance between where every model puts every point and where it is."""
     whole = np.column_stack([ground, np.ones(len(ground))])
-    depth = models[:, 8:] @ ground.T + 1.0
+    size = whole.shape[1]
+    depth = models[:, 2 * size :] @ ground.T + 1.0
     # design: a point in the plane of the camera has no place in the picture.
     depth = np.where(np.abs(depth) < 1e-9, np.nan, depth)
-    across = (models[:, :4] @ whole.T) / depth - image[:, 0]
-    down = (models[:, 4:8] @ whole.T) / depth - image[:, 1]
+    across = (models[:, :size] @ whole.T) / depth - image[:, 0]
+    down = (models[:, size : 2 * size] @ whole.T) / depth - image[:, 1]
     return np.nan_to_num(np.hypot(across, down), nan=np.inf)
 
 
