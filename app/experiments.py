@@ -18,18 +18,21 @@ from app.project import described, read_project
 from core.arrays import ObjectPoints, PixelPoints
 from core.block import Block, footprint
 from core.errors import ReferenceDataError
-from core.formats.roads import read_roads
+from core.formats.roads import Roads, read_roads
 from core.geometry.exterior import ExteriorOrientation
 from core.literature.common_grid import (
     Band,
     Candidate,
+    built_up,
     candidates_in,
     lay_on_grid,
     looked_at_on_grid,
     sizes_px,
 )
+from core.literature.detectors import is_installed
 from core.literature.operator_variants import Sizes, paired
 from core.literature.published_chains import (
+    KOBYLI_1938,
     KOBYLI_1984,
     MILOVICE_1938,
     PublishedOptions,
@@ -53,7 +56,7 @@ REPAIRED_M = (6.83, 8.08)
 """RMSE of the repaired georeference in X and Y (thesis, Table 3)."""
 LASTS_M = 15.0
 """A junction this near to one that stood already is that one: crossings are surveyed anew."""
-SEARCH_1984_M, SEARCH_1938_M = 82.0, 90.0
+SEARCH_1984_M, SEARCH_1938_M = 82.0, KOBYLI_1938.window
 """Edge of the area searched: of Table 4 (thesis, p. 71), and of Kobylí 1938 (Table 6)."""
 TABLE_2_GSD_M = 2.0
 """Both pictures were resampled so (thesis 4.3)."""
@@ -77,6 +80,8 @@ class Ground:
     """The ground when the photos were taken, as the truth has it."""
     junctions: ObjectPoints
     """Junctions that stood already, as far as the truth tells."""
+    roads: Roads
+    """Roads of the map."""
 
     def misses_m(self, opened: OpenPhoto, pixel: PixelPoints, junction: int) -> np.ndarray:
         """How far a scan pixel truly shows ground from a junction: E and N, metres."""
@@ -131,7 +136,7 @@ def open_ground(folder: Path) -> Ground:
         for name, photo in photos.items()
     )
     older = open_ortho([truth.archival_ortho], given.reference.crs)
-    return Ground(given.name, truth, opened, reference, older, places)
+    return Ground(given.name, truth, opened, reference, older, places, roads)
 
 
 def repaired(true: ExteriorOrientation, name: str) -> ExteriorOrientation:
@@ -141,17 +146,21 @@ def repaired(true: ExteriorOrientation, name: str) -> ExteriorOrientation:
 
 
 def table_2(ground: Ground, progress: Progress) -> Table:
-    """Operators: which variant pairs how many points rightly."""
+    """Operators: which variant pairs how many points rightly; `+` is within built-up land."""
+    surf = "surf-vdd" if is_installed("surf") else ""
     verdicts = {
         "1 SIFT-D": ("sift-d", "failed"),
         "2 SIFT-DD": ("sift-dd", "failed"),
         "3 SIFT-VD": ("sift-vd", "failed"),
         "4 SIFT-VDD": ("sift-vdd", "failed"),
-        "5 SURF-VDD": ("", "worse"),
+        "5 SURF-VDD": (surf, "worse"),
         "6 ORB-VDD": ("orb-vdd", "worse"),
         "7 NCC-VD": ("ncc-vd", "best"),
         "– ORB-VD": ("orb-vd", ""),
         "– CFOG-VD": ("cfog-vd", ""),
+        "– SIFT-DD +": ("sift-dd+", ""),
+        "– SIFT, NCC": ("ncc-k", ""),
+        "– SIFT, NCC +": ("ncc-k+", ""),
     }
     options = replace(MILOVICE_1938, gsd_m=TABLE_2_GSD_M)
     sizes = Sizes(*sizes_px(options))
@@ -193,9 +202,10 @@ def paired_misses(
         for column, row in [place.astype(int).tolist()]
         if pair.seen[row - reach : row + reach, column - reach : column + reach].all()
     ]
-    found: dict[str, list[float]] = {}
+    found, houses = dict[str, list[float]](), built_up(ground.roads, grid)
     for way in filter(None, ways):
-        pairs = paired(way, pair, np.array(kept).reshape(-1, 2), sizes)
+        land = houses if way.endswith("+") else None
+        pairs = paired(way.rstrip("+"), pair, np.array(kept).reshape(-1, 2), sizes, land)
         known = grid.object_from_grid(pairs[:, 1])
         flat = np.column_stack([known, ground.reference.dem.heights(known)])
         heights = ground.truth.heights_at(flat)
@@ -355,11 +365,12 @@ def _agreeing(
         return []
     owner = np.array([one.junction for one in found])
     limit = (options.ransac_m or 0.0) / opened.ground_pixel_m
+    ransac = RansacOptions(options.samples, limit, options.transform)
     return agreeing_points(
         ground.junctions[owner],
         np.vstack([one.pixel for one in found]),
         owner,
-        RansacOptions(options.samples, limit),
+        ransac,
         seeded(1, "graph-5", opened.photo.photo_id),
     ).tolist()
 

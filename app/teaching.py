@@ -7,6 +7,7 @@ import secrets
 import sys
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -15,7 +16,9 @@ from typing import Any, cast
 import numpy as np
 
 from app import lessons
+from app.lessons import places
 from app.lessons.sheet import Lesson, LessonError, Question, Shape, Slider, State, View
+from core.errors import PhotogrammetryError
 from core.said import say
 from ui.review.looks import page_palette
 from ui.web.access import Access
@@ -27,11 +30,12 @@ MOST_SEED = 2**31
 REMEDY = "Compare it with the lessons of app/lessons, as docs/teaching.md shows."
 
 
-def find_lessons(own: Path | None = None) -> dict[str, Lesson]:
+def find_lessons(own: Path | None = None, block: Path | None = None) -> dict[str, Lesson]:
     """All lessons by name, in their order.
 
     Args:
         own: A teacher's file with one more.
+        block: A block with truth whose places are matched; without one the teaching flight.
 
     Raises:
         LessonError: That file is no lesson.
@@ -43,6 +47,9 @@ def find_lessons(own: Path | None = None) -> dict[str, Lesson]:
     found = [module.LESSON for module in modules if hasattr(module, "LESSON")]
     if own is not None:
         found.append(read_lesson(own))
+    if block is not None:
+        found = [lesson for lesson in found if lesson.name != places.LESSON.name]
+        found.append(places.lesson_on(block))
     ordered = sorted(found, key=lambda lesson: (lesson.letter, lesson.order, lesson.name))
     return {lesson.name: lesson for lesson in ordered}
 
@@ -248,4 +255,14 @@ def open_teaching(
     )
     opened = Teaching(Front(doors, host, port))
     opened.listen()
+    threading.Thread(target=_prepare, args=(found,), daemon=True).start()
     return opened
+
+
+def _prepare(found: Mapping[str, Lesson]) -> None:
+    """Do beforehand what the first view of a lesson would wait for."""
+    for lesson in found.values():
+        if lesson.prepare is not None:
+            # What fails here is told by the lesson itself, to who opens it.
+            with suppress(PhotogrammetryError):
+                lesson.prepare()

@@ -88,6 +88,22 @@ def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
 
 
 @pytest.fixture(scope="session")
+def teaching_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The teaching flight, not in the cache of who runs the tests."""
+    from app.lessons import places
+
+    with pytest.MonkeyPatch.context() as patch:
+
+        def make(folder: Path) -> None:
+            patch.setattr(places, "cache_folder", lambda: folder)
+            places.made_once()
+
+        folder = made_once(tmp_path_factory, "teaching", make)
+        patch.setattr(places, "cache_folder", lambda: folder)
+        yield folder
+
+
+@pytest.fixture(scope="session")
 def tiny_block(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A synthetic block of six small scans, never written to."""
     options = SyntheticOptions("tiny")

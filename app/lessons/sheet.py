@@ -225,6 +225,8 @@ class Lesson:
     """Whether something was put in that is to be found, and can be hidden."""
     order: int = 0
     """Among lessons of one letter."""
+    prepare: Callable[[], None] | None = None
+    """What takes long before the first view, done once while the page is open already."""
     texts: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
     """Texts by language and key, of a lesson that brings its own."""
 

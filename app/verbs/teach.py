@@ -14,11 +14,11 @@ from ui.words.catalogue import Teller
 
 def teach(given: argparse.Namespace, voice: Voice) -> None:
     """The lessons, until Ctrl-C, or only their names, or an experiment."""
+    block = given.block or given.earlier
     if given.experiment:
-        where = given.block or given.earlier or Path("gruber-demo")
-        experiment(given.experiment, folder_of(where), voice)
+        experiment(given.experiment, folder_of(block or Path("gruber-demo")), voice)
         return
-    found = find_lessons(given.own)
+    found = find_lessons(given.own, None if block is None else folder_of(block))
     if given.list:
         told = Teacher(found).listed(voice.tell.language)["words"]
         for name in found:

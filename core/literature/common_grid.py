@@ -11,14 +11,17 @@ from typing import Literal
 
 import cv2
 import numpy as np
+import shapely
 from jaxtyping import Float64
 
 from core.arrays import Mask, ObjectPoints, PixelPoints, Position
+from core.formats.roads import Roads
 from core.frames import HALF_PIXEL
 from core.literature.published_chains import NCC, PublishedOptions, joined_pixels
 from core.matching.local_search import reduction_for
-from core.matching.patches import OpenPhoto, Window, filled, read_scan
+from core.matching.patches import SHIFT, OpenPhoto, Window, filled, read_scan
 from core.matching.peaks import Image, ScoreMap
+from core.matching.reference import Reference
 from core.raster.dem import Dem
 from core.raster.grid import Grid
 from core.raster.ortho import LEAST_COVERAGE, Ortho
@@ -26,6 +29,11 @@ from core.raster.sampling import ReadOptions, read_onto
 
 Band = Literal["grey", "green", "nearest"]
 """RGB2grey, the green band alone, or grey of the nearest pixel without interpolation."""
+STREETS = ("ulice", "street", "residential", "living_street")
+"""Words of a layer's name or a road's class that tell a street among houses (ZABAGED, OSM)."""
+# design: the depth of a plot: house, yard and garden beside its street.
+BUILT_UP_M = 40.0
+"""Land is built up so far from a street, metres."""
 Places = Float64[np.ndarray, "_ 2"]
 """Grid points (column, row)."""
 
@@ -127,6 +135,34 @@ def _read_band(ortho: Ortho, grid: Grid, band: Band) -> tuple[Image, Mask]:
     down = np.floor((own.north - rows) / gsd).astype(int)
     nearest = np.ix_(down, right)
     return np.ascontiguousarray(patch.values[nearest]), patch.mask[nearest]
+
+
+def roads_on_grid(reference: Reference, grid: Grid) -> Image:
+    """The roads of the map as strips of their width."""
+    drawn = np.zeros((grid.rows, grid.columns), np.float32)
+    if reference.roads is not None:
+        for points, width_m in reference.roads.within(grid.bounds):
+            _draw(
+                drawn, grid.grid_from_object(points[:, :2]), width_m / grid.ground_sample_distance_m
+            )
+    return drawn
+
+
+def built_up(roads: Roads, grid: Grid) -> Mask:
+    """Land near a street: what the thesis would have masked the ortho with (its chapter 6.1)."""
+    drawn = np.zeros((grid.rows, grid.columns), np.float32)
+    wide = 2 * BUILT_UP_M / grid.ground_sample_distance_m
+    for line, *words in zip(roads.lines, roads.layer, roads.kind, strict=True):
+        if any(street in str(word).lower() for word in words for street in STREETS):
+            _draw(drawn, grid.grid_from_object(shapely.get_coordinates(line)), wide)
+    return drawn > 0
+
+
+def _draw(picture: Image, places: Places, width_px: float) -> None:
+    """A line on a grid, of a width."""
+    fixed = np.round((places - HALF_PIXEL) * (1 << SHIFT)).astype(np.int32)
+    thick = max(1, round(width_px))
+    cv2.polylines(picture, [fixed[:, None]], False, 255.0, thick, cv2.LINE_8, SHIFT)
 
 
 def grid_about(position: Position, half_px: int, gsd_m: float) -> Grid:

@@ -22,6 +22,7 @@ from app.experiments import (
     write_log,
 )
 from app.verbs.teach import table_lines
+from core.literature.detectors import is_installed
 from core.progress import SILENT
 from ui.words.catalogue import LANGUAGES, Teller
 
@@ -74,9 +75,13 @@ def test_every_variant_of_table_2_has_its_row_and_its_log__law(
     ground: Ground, tmp_path: Path
 ) -> None:
     table = table_2(ground, SILENT)
-    assert [row[0][:1] for row in table.rows] == list("1234567––")
+    assert [row[0][:1] for row in table.rows] == list("1234567–––––")
     right = {row[0]: row[3] for row in table.rows}
-    assert right.pop("5 SURF-VDD") is None
+    if not is_installed("surf"):
+        assert right.pop("5 SURF-VDD") is None
+    # In built-up land fewer points are detected, and fields that changed are not among them.
+    pairs = {row[0]: row[2] for row in table.rows}
+    assert 0 < pairs["– SIFT, NCC +"] < pairs["– SIFT, NCC"]
     assert all(0 <= share <= 100 for share in right.values())
     told = json.loads(write_log(tmp_path, ground, table, 1.0).read_text(encoding="utf-8"))
     assert told["rows"] == [list(row) for row in table.rows]

@@ -9,6 +9,7 @@ from app.cli import main
 from app.lessons.sheet import LessonError
 from app.teaching import Teacher, find_lessons, open_teaching, plain, state_of
 
+pytestmark = pytest.mark.usefixtures("teaching_cache")
 OWN = Path(__file__).parents[2] / "docs" / "python" / "lessons.md"
 
 

@@ -12,6 +12,7 @@ READY = "#figures b"
 SHOWN = """name => [...document.querySelectorAll(name === "sigma_z"
   // The lesson's point lies above the datum; what is printed of heights is of the datum.
   ? "#formulas .equation:first-child mtext" : `[data-figure="${name}"] b`)].at(-1).textContent"""
+pytestmark = pytest.mark.usefixtures("teaching_cache")
 LESSONS = find_lessons()
 
 
@@ -169,6 +170,42 @@ def test_a_drawing_in_space_is_turned_by_hand_keys_and_buttons__law(learn):
     settled(page)
     assert sheet.inner_html() != seen[0]
     assert wrong == []
+
+
+def test_template_and_window_are_dragged_over_scan_and_ortho__law(learn):
+    page, wrong = learn("places")
+    assert page.locator("#drawings image").count() == 3
+    sizes = page.evaluate(
+        "Promise.all([...document.querySelectorAll('#drawings image')].map(async e => {"
+        "const made = new Image(); made.src = e.href.baseVal; await made.decode();"
+        "return made.width; }))"
+    )
+    assert sizes == [261, 261, 59]
+    best = page.locator("[data-figure=best]").get_attribute("data-value")
+    for names, (x, y) in (("tx ty", (0, 0)), ("wx wy", (1, 1))):
+        knob = page.locator(f".handle[data-names='{names}']").bounding_box()
+        page.mouse.move(knob["x"] + knob["width"] / 2, knob["y"] + knob["height"] / 2)
+        page.mouse.down()
+        page.mouse.move(knob["x"] + 30 + 9 * x, knob["y"] - 20 - 9 * y, steps=3)
+        page.mouse.up()
+        settled(page)
+    state = page.evaluate("gruber.state.values")
+    assert min(state["tx"], state["ty"], state["wx"], state["wy"]) > 5
+    assert page.locator("[data-figure=best]").get_attribute("data-value") != best
+    # A patch of the ortho is sought in the scan: both handles change places.
+    page.locator("[data-choice=way][data-value='4']").click()
+    settled(page)
+    drawings = page.locator(".drawing")
+    assert drawings.nth(0).locator("[data-names='wx wy']").count() == 1
+    assert drawings.nth(1).locator("[data-names='tx ty']").count() == 1
+    assert wrong == []
+
+
+@pytest.mark.parametrize("size", [(1600, 1000), (1366, 768)])
+def test_every_choice_lies_within_its_room__law(learn, size):
+    page, _ = learn("places", size={"width": size[0], "height": size[1]})
+    room = page.locator("#controls")
+    assert room.evaluate("e => e.scrollWidth <= e.clientWidth")
 
 
 def test_the_truth_is_shown_on_demand_and_a_link_keeps_the_state__law(learn, lessons):

@@ -15,6 +15,7 @@ from core.geometry.image_corrections import (
 )
 from ui.words.catalogue import LANGUAGES
 
+pytestmark = pytest.mark.usefixtures("teaching_cache")
 LESSONS = find_lessons()
 MOVES = [(name, slider.name) for name, lesson in LESSONS.items() for slider in lesson.sliders]
 

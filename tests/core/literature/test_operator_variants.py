@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from core.literature.common_grid import GridPair
+from core.literature.detectors import detector_named, eight_bits, places_of
 from core.literature.operator_variants import Sizes, paired
 from core.raster.grid import Grid
 
@@ -14,6 +15,10 @@ SIZES = Sizes(12, 10)
 
 @pytest.fixture(scope="module")
 def shifted() -> GridPair:
+    return shifted_pair()
+
+
+def shifted_pair() -> GridPair:
     """A scan that shows the ortho four columns to the right and three rows up, with grain."""
     rng = np.random.default_rng(3)
     ground = cv2.GaussianBlur(rng.normal(0, 1, (SIDE + 40, SIDE + 40)), (0, 0), 2.0)
@@ -36,11 +41,16 @@ def shifted() -> GridPair:
         ("sift-dd", 2, 0.7), ("orb-dd", 2, 0.7),
         # It knows nothing of junctions: the nearest point it detects lies some pixels beside.
         ("sift-vdd", 5, 0.7), ("orb-vdd", 5, 0.7),
+        # Points that SIFT detects, each sought at every place.
+        ("ncc-k", 2, 0.95),
+        ("surf-dd", 2, 0.7), ("surf-d", 2, 0.9),
     ],
 )  # fmt: skip
 def test_a_shift_is_found_by_every_variant__truth(
     shifted: GridPair, variant: str, within: float, least: float
 ) -> None:
+    if variant.startswith("surf"):
+        pytest.importorskip("mahotas")
     line = np.arange(40, SIDE - 40, 20) + 0.5
     junctions = np.stack(np.meshgrid(line, line), axis=2).reshape(-1, 2)
     pairs = paired(variant, shifted, junctions, SIZES)
@@ -49,3 +59,26 @@ def test_a_shift_is_found_by_every_variant__truth(
     assert np.mean(off <= within) >= least
     # Nothing is sought outside the window.
     assert np.abs(pairs[:, 0] - pairs[:, 1]).max() <= SIZES.half + 1
+
+
+def test_surf_finds_what_it_detected_in_the_ortho_again__truth(shifted: GridPair) -> None:
+    """It detects a fifth of what SIFT does: a chosen place has no point of the scan near it."""
+    pytest.importorskip("mahotas")
+    spots = places_of(detector_named("surf").detect(eight_bits(shifted.reference), None))
+    inside = ((spots > 40) & (spots < SIDE - 40)).all(axis=1)
+    pairs = paired("surf-vdd", shifted, spots[inside], SIZES)
+    off = np.linalg.norm(pairs[:, 0] - pairs[:, 1] - SHIFT, axis=1)
+    # By chance 13 of 441 places.
+    assert np.mean(off <= 2) > 0.5
+
+
+def test_nothing_is_detected_outside_the_given_land__law(shifted: GridPair) -> None:
+    land = np.zeros((SIDE, SIDE), bool)
+    land[60:180, 70:150] = True
+    for variant, side in (("sift-dd", 0), ("ncc-k", 1)):
+        pairs = paired(variant, shifted, np.zeros((0, 2)), SIZES, land)
+        everywhere = paired(variant, shifted, np.zeros((0, 2)), SIZES)
+        assert 0 < len(pairs) < len(everywhere)
+        columns, rows = pairs[:, side].astype(int).T
+        assert land[rows, columns].all()
+        assert not len(paired(variant, shifted, np.zeros((0, 2)), SIZES, np.zeros_like(land)))

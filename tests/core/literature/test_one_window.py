@@ -1,0 +1,66 @@
+"""A template laid by hand or detected, sought in one window whose shift is known."""
+
+import numpy as np
+import pytest
+
+from core.literature.common_grid import GridPair
+from core.literature.detectors import detector_named, eight_bits, is_installed, places_of
+from core.literature.one_window import AT_POINTS, FROM_SCAN, SNAPPED, Way, likeness_in, template_at
+from core.literature.operator_variants import Sizes
+from tests.core.literature.test_operator_variants import SHIFT, SIDE, shifted_pair
+
+SIZES = Sizes(20, 14)
+NAMES = ("ncc", "ncc-high-pass", "gradient", "cfog", "fused", "sift", "orb", "surf")
+WAYS: tuple[Way, ...] = ("hand", "d", "dd", "vd", "vdd", "k")
+
+
+def misses(pair: GridPair, name: str, way: Way, at: tuple[float, float]) -> tuple[float, float]:
+    """How far the best and the nearest of what was compared lie from the true place, pixels."""
+    template = template_at(name, way, pair, np.array([at]), SIZES)
+    assert template is not None
+    if way not in SNAPPED:
+        assert np.abs(template.place - at).max() <= 0.5
+    images = pair.archival, pair.reference
+    own, searched = images if way in FROM_SCAN else images[::-1]
+    # The window lies some pixels beside, as a georeference would put it.
+    centre = template.place + np.array([3.0, 2.0])
+    likeness = likeness_in(
+        name, way, (own, searched, np.zeros_like(own)), template, centre, sizes=SIZES
+    )
+    assert np.abs(likeness.spots - centre).max() <= SIZES.half + 1
+    if likeness.surface is not None:
+        assert likeness.surface.shape == (29, 29)
+        assert likeness.surface.max() == pytest.approx(likeness.scores.max())
+    true = template.place + (-SHIFT if way in FROM_SCAN else SHIFT)
+    away = np.linalg.norm(likeness.spots - true, axis=1)
+    return float(away[np.argmax(likeness.scores)]), float(away.min())
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("name", NAMES)
+def test_the_shift_is_found_wherever_it_can_be__truth(name: str, way: Way) -> None:
+    """Of detected points none need lie at the true place; if one does, it is the most alike."""
+    if not is_installed(name):
+        pytest.skip("mahotas is not installed")
+    pair = shifted_pair()
+    places = [(x + 0.3, y + 0.6) for x in (80, 118, 150) for y in (85, 121)]
+    if (name, way) == ("surf", "vdd"):
+        # It detects so few points that a chosen place has none near it.
+        spots = places_of(detector_named(name).detect(eight_bits(pair.reference), None))
+        places = [tuple(at) for at in spots if at.min() > 70 and at.max() < 170]
+    told = [misses(pair, name, way, at) for at in places]
+    right = [best <= 2.0 for best, nearest in told if nearest <= 1.0]
+    assert len(right) >= (1 if way in AT_POINTS else 6)
+    assert np.mean(right) >= (0.7 if way in AT_POINTS else 0.99)
+
+
+def test_no_point_of_the_given_land_is_no_template__law() -> None:
+    nowhere = np.zeros((SIDE, SIDE), bool)
+    place = np.array([[120.0, 120.0]])
+    assert template_at("ncc", "k", shifted_pair(), place, SIZES, nowhere) is None
+    land = nowhere.copy()
+    land[100:140, 140:180] = True
+    template = template_at("ncc", "k", shifted_pair(), place, SIZES, land)
+    assert template is not None
+    column, row = np.floor(template.place[0]).astype(int)
+    assert land[row, column]
