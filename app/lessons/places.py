@@ -51,6 +51,8 @@ BANDS: tuple[Band, ...] = ("grey", "green", "nearest")
 REACH_M, ROOM_M = 130.0, 60.0
 """The pictures reach so far from a junction, template and window are dragged so far, metres."""
 PLACES, SHOWN, APART_M = 9, 5, 5.0
+Frame = tuple[float, float, float, float]
+"""Left, lower, right, upper edge, metres."""
 FLIGHT = SyntheticOptions("small", strips=1, photos_per_strip=2, scan_pixel_um=100.0)
 """Two photos of a sixth of the demo's area: made in ten seconds."""
 
@@ -280,16 +282,21 @@ def view_of(flight: Flight, state: sheet.State) -> sheet.View:
         rings = outlines(site)
         for name in shapes:
             shapes[name] = [*rings, *shapes[name]]
-    frame = (-REACH_M, -REACH_M, REACH_M, REACH_M)
-    pictures = {"scan": site.pair.archival, "ortho": site.pair.reference}
+    frame: Frame = (-REACH_M, -REACH_M, REACH_M, REACH_M)
     canvases = [
-        sheet.Canvas(name, frame, tuple(shapes[name]), picture=sheet.picture(values, frame))
-        for name, values in pictures.items()
+        sheet.Canvas(name, frame, tuple(shapes[name]), picture=picture)
+        for name, picture in zip(("scan", "ortho"), pictures_of(site, frame), strict=True)
     ]
     canvases.append(likeness_canvas(found, peaks, true))
     side = 2 * found.sizes.half + 1
     symbols = {"N": sheet.Number(side**2, 0)}
     return sheet.View(figures, tuple(canvases), symbols, profile_of(found))
+
+
+@lru_cache(maxsize=32)
+def pictures_of(site: Site, frame: Frame) -> tuple[sheet.Picture, sheet.Picture]:
+    """Scan and ortho, coded once for as long as a place is looked at."""
+    return sheet.picture(site.pair.archival, frame), sheet.picture(site.pair.reference, frame)
 
 
 def best_spots(found: Sought) -> Places:

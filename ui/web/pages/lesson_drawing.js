@@ -95,8 +95,8 @@ function scaleOf({ window: [left, lower, right, upper], equal }, width, height) 
 function beneath({ picture }, { x, y }) {
   if (!picture) return [];
   const [left, lower, right, upper] = picture.window;
-  return [svg("image", { href: picture.address, x: x(left), y: y(upper), preserveAspectRatio: "none",
-    width: x(right) - x(left), height: y(lower) - y(upper) })];
+  return [svg("image", { href: picture.address, preserveAspectRatio: "none",
+    x: x(left), y: y(upper), width: x(right) - x(left), height: y(lower) - y(upper) })];
 }
 
 /** @param {LessonShape} shape @param {Scale} scale @returns {Node[]} */
