@@ -44,6 +44,7 @@ NAMED = {"junction"}
 """Both chains know nothing but junctions."""
 Transform = Literal["dlt", "projective"]
 """Direct linear transformation of points in space, or projective one of their places in plan."""
+# source: definitions of the two (thesis, chapters 3.7 and 3.8).
 AXES: dict[Transform, int] = {"dlt": 3, "projective": 2}
 """Coordinates of the ground that a transformation takes."""
 # source: six points give twelve equations for eleven parameters, four eight for eight.
