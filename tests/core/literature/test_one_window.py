@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from core.literature.common_grid import GridPair
-from core.literature.detectors import detector_named, eight_bits, is_installed, places_of
+from core.literature.detectors import detector_named, eight_bits, places_of
 from core.literature.one_window import AT_POINTS, FROM_SCAN, SNAPPED, Way, likeness_in, template_at
 from core.literature.operator_variants import Sizes
 from tests.core.literature.test_operator_variants import SHIFT, SIDE, shifted_pair
@@ -40,8 +40,6 @@ def misses(pair: GridPair, name: str, way: Way, at: tuple[float, float]) -> tupl
 @pytest.mark.parametrize("name", NAMES)
 def test_the_shift_is_found_wherever_it_can_be__truth(name: str, way: Way) -> None:
     """Of detected points none need lie at the true place; if one does, it is the most alike."""
-    if not is_installed(name):
-        pytest.skip("mahotas is not installed")
     pair = shifted_pair()
     places = [(x + 0.3, y + 0.6) for x in (80, 118, 150) for y in (85, 121)]
     if (name, way) == ("surf", "vdd"):

@@ -49,8 +49,6 @@ def shifted_pair() -> GridPair:
 def test_a_shift_is_found_by_every_variant__truth(
     shifted: GridPair, variant: str, within: float, least: float
 ) -> None:
-    if variant.startswith("surf"):
-        pytest.importorskip("mahotas")
     line = np.arange(40, SIDE - 40, 20) + 0.5
     junctions = np.stack(np.meshgrid(line, line), axis=2).reshape(-1, 2)
     pairs = paired(variant, shifted, junctions, SIZES)
@@ -63,7 +61,6 @@ def test_a_shift_is_found_by_every_variant__truth(
 
 def test_surf_finds_what_it_detected_in_the_ortho_again__truth(shifted: GridPair) -> None:
     """It detects a fifth of what SIFT does: a chosen place has no point of the scan near it."""
-    pytest.importorskip("mahotas")
     spots = places_of(detector_named("surf").detect(eight_bits(shifted.reference), None))
     inside = ((spots > 40) & (spots < SIDE - 40)).all(axis=1)
     pairs = paired("surf-vdd", shifted, spots[inside], SIZES)
