@@ -1,11 +1,14 @@
 """Interior orientation: fiducials tell what film and scanner did to the frame."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from app.lessons import sheet
-from app.lessons.photo import PIXEL_MM
+from app.lessons.photo import PIXEL_MM, camera_with, on_film, vertical_at
 from core.arrays import FilmPoints, PixelPoints
 from core.doubts import Failure
+from core.geometry.collinearity import object_from_film
 from core.geometry.interior import InteriorOrientation, film_shape
 from core.geometry.interior_models import FilmFit, FilmModel, fit_film, warp_film
 
@@ -15,6 +18,8 @@ MARKS = np.array([(x, y) for x in (-FAR, NEAR, FAR) for y in (-FAR, NEAR, FAR) i
 """Eight fiducials: corners and middles of the sides."""
 HALF = 115.0
 TIMES = 400.0
+PRINCIPAL_MM, HEIGHT_M, HILL_M = 152.0, 1500.0, 100.0
+"""The photo in which the principal point is forgotten, and a hill in it."""
 
 
 def scanned(state: sheet.State) -> PixelPoints:
@@ -58,18 +63,39 @@ def view(state: sheet.State) -> sheet.View:
         "shrink_y": sheet.Number(1000 * (1 - found.scale_y), 2, "‰", state["shrink_y"]),
         "shear": sheet.Number(found.shear_mrad, 2, "mrad", state["shear"]),
     }
+    principal = (state["x0"], state["y0"])
+    aside, on_hill = forgotten(principal)
+    figures["aside"] = sheet.Number(float(np.hypot(*aside)), 2, "m")
+    figures["hill"] = sheet.Number(float(np.hypot(*(aside - on_hill))), 2, "m")
     sigmas = sheet.curve("sigma", range(3), [1000 * one.sigma for one in fits])
     plot = sheet.Plot("model", "sigma", (sigmas,), (state["model"], 1000 * fit.sigma))
     symbols = {
         "r": sheet.Number(fit.redundancy, 0),
         "m": sheet.Number(len(MARKS), 0),
         "u": sheet.Number(2 * len(MARKS) - fit.redundancy, 0),
+        "x_F": sheet.Number(FAR, 3, "mm"),
+        "y_F": sheet.Number(FAR, 3, "mm"),
+        "x": sheet.Number(FAR - state["x0"], 3, "mm"),
+        "y": sheet.Number(FAR - state["y0"], 3, "mm"),
     }
-    return sheet.View(figures, (film(fit.residuals),), symbols, plot)
+    return sheet.View(figures, (film(fit.residuals, principal),), symbols, plot)
 
 
-def film(residuals: FilmPoints) -> sheet.Canvas:
-    """The frame with its marks and their residuals, magnified."""
+def forgotten(principal_mm: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """How far aside a photo shows the ground, and a hill, counted from its fiducial centre, m."""
+    exterior, middle = vertical_at(0.0, HEIGHT_M), on_film((0.0, 0.0))
+    camera = camera_with(PRINCIPAL_MM)
+    true = replace(camera, principal_point_mm=principal_mm)
+    ground, hill = (
+        object_from_film(middle, np.array([level]), exterior, camera)[0, :2]
+        - object_from_film(middle, np.array([level]), exterior, true)[0, :2]
+        for level in (0.0, HILL_M)
+    )
+    return ground, hill
+
+
+def film(residuals: FilmPoints, principal_mm: tuple[float, float]) -> sheet.Canvas:
+    """The frame with its marks, their residuals and its principal point, magnified."""
     edge = 1.16 * HALF
     ends = MARKS + TIMES * residuals
     lengths = 1000 * np.hypot(*residuals.T)
@@ -81,6 +107,15 @@ def film(residuals: FilmPoints) -> sheet.Canvas:
             sheet.shape("line", [(-FAR, 0), (FAR, 0)], "faint"),
             sheet.shape("line", [(0, -FAR), (0, FAR)], "faint"),
             sheet.shape("crosses", MARKS, "given"),
+            sheet.shape("text", [(0, 0)], "axis", "centre"),
+            sheet.shape(
+                "arrow",
+                [(0.0, 0.0), (TIMES * principal_mm[0], TIMES * principal_mm[1])],
+                "estimate",
+                "principal",
+                number=sheet.Number(1000 * float(np.hypot(*principal_mm)), 0, "µm"),
+                below=True,
+            ),
             *(
                 sheet.shape(
                     "arrow", [mark, end], "bad", number=sheet.Number(float(length), 0, "µm")
@@ -110,11 +145,17 @@ LESSON = sheet.Lesson(
         sheet.Slider("shrink_y", -1, 3, 0.6, 0.05, "‰"),
         sheet.Slider("shear", -1, 1, 0.2, 0.02, "mrad"),
         sheet.Slider("bend", -5, 5, 0, 0.1, "·10⁻⁶/mm"),
+        sheet.Slider("x0", -0.25, 0.25, 0.08, 0.005, "mm", "x_0"),
+        sheet.Slider("y0", -0.25, 0.25, -0.05, 0.005, "mm", "y_0"),
         sheet.NOISE,
         sheet.SEED,
     ),
     view,
-    (sheet.Equation("r", sheet.row("2", "*", "m", "−", "u")),),
+    (
+        sheet.Equation("r", sheet.row("2", "*", "m", "−", "u")),
+        sheet.Equation("x", sheet.row("x_F", "−", "x_0")),
+        sheet.Equation("y", sheet.row("y_F", "−", "y_0")),
+    ),
     (sheet.Question("shrink", "µm", 2.0, ask, 0),),
     hides_truth=True,
 )

@@ -183,6 +183,16 @@ def test_film_shape_is_found_as_it_was_put_in__truth() -> None:
     assert view.figures["rms"].value == pytest.approx(0, abs=1e-6)
 
 
+def test_a_forgotten_principal_point_shifts_the_ground_and_bends_relief__truth() -> None:
+    """By its offset times the scale; of a hill a shift of the photo takes up less."""
+    lesson = LESSONS["interior"]
+    figures = lesson.view(lesson.start | {"x0": 0.12, "y0": -0.05}).figures
+    assert figures["aside"].value == pytest.approx(0.13 * 1500 / 152, abs=1e-6)
+    assert figures["hill"].value == pytest.approx(0.13 * 100 / 152, abs=1e-6)
+    nothing = lesson.view(lesson.start | {"x0": 0.0, "y0": 0.0}).figures
+    assert nothing["aside"].value == pytest.approx(0, abs=1e-9)
+
+
 def test_least_squares_find_the_relative_orientation_that_was_hidden__truth() -> None:
     lesson = LESSONS["relative"]
     for seed in range(1, 6):
