@@ -70,6 +70,8 @@ HEIGHTS = Unit("metres above sea", 100, 30_000, (("kilometres", 1000),))
 """Heights of perspective centres."""
 METRES = Unit("metres", 0.001, 1000, (("millimetres", 0.001),))
 """Standard deviations and ground sample distances."""
+INTERVALS = Unit("metres", 0.1, 1000)
+"""Heights between contour lines."""
 SMALL_MM = Unit("millimetres", 0.0001, 10, (("micrometres", 0.001),))
 """Priors of camera constants."""
 SMALL_UM = Unit("micrometres", 0.1, 10_000, (("millimetres", 1000),))
@@ -210,7 +212,7 @@ ORTHO = (
 SURFACE = (
     Key("gsd_m", "number", unit=METRES),
     Key("point_cloud", "flag", False),
-    Key("contours_m", "number", unit=METRES),
+    Key("contours_m", "number", unit=INTERVALS),
 )
 SHEETS = (
     Key("rule", "choice", "", choices=("", "sm5"), asked="more"),

@@ -26,7 +26,7 @@ from app.sheets import PRODUCT as SHEETS
 from app.sheets import check_sheets, make_sheets, sheets_line
 from app.stage_lines import STAGE_LINES, adjusted_line
 from app.stand_ins import has_pictures, write_adjusted
-from app.surface import MATCHED, make_block_surface, make_ground, make_layers, surface_line
+from app.surface import check_surface, make_block_surface, make_ground, surface_line
 from app.terminal import Interruption, Voice, interruptible
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import influence_of
@@ -80,6 +80,8 @@ NOTHING_STANDS = (
 """What ends the walk of a block in which nothing but surveyed points can orient a photo."""
 WHEN_ASKED = ("surface", "sheets")
 """Stages that are walked only where block.toml or the operator asks for them."""
+CHECKED = {"surface": check_surface, "sheets": check_sheets}
+"""What finds out before the walk what one of them would stumble over."""
 STAGE_NAMES = (*(stage.name for stage in STAGES), *LAST_STAGES)
 
 
@@ -131,8 +133,8 @@ class Run:
 
     def walk(self) -> None:
         """Go through all stages up to the last one wanted."""
-        if "sheets" in self.names_ahead:
-            check_sheets(self.project)
+        for name in CHECKED.keys() & {*self.names_ahead}:
+            CHECKED[name](self.project)
         with self.session.running(), interruptible() as self.interruption:
             waits = True
             try:
@@ -317,11 +319,9 @@ class Run:
         """The surface from the photos themselves."""
         work = Work(progress, self.threads.map, self.given.name)
         surface = make_block_surface(
-            self.session, self.project, self.adjusted, self.dem(), work.part(0.0, MATCHED),
-            self.anew("surface"),
-        )  # fmt: skip
+            self.session, self.project, self.adjusted, self.dem(), work, self.anew("surface")
+        )
         self.results = replace(self.results, surface=surface)
-        make_layers(self.session, self.project, surface, work.part(MATCHED, 1.0))
         make_ground(self.session, self.project, surface)
         return surface_line(surface)
 

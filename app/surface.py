@@ -36,6 +36,8 @@ CLOUD, CONTOURS = "surface.copc.laz", "surface_contours.gpkg"
 MATCHED, CLOUDED = 0.9, 0.5
 VERSION = 2
 """Counted up when the same inputs give another surface than before."""
+CLOUD_VERSION = CONTOURS_VERSION = 1
+"""The same of the point cloud and the contour lines of the same surface."""
 
 
 class _NothingMatched(Exception):
@@ -44,6 +46,16 @@ class _NothingMatched(Exception):
     def __init__(self, failure: Failure) -> None:
         super().__init__(failure.reason)
         self.failure = failure
+
+
+def check_surface(project: Project) -> None:
+    """Find out before the walk what its surface would stumble over.
+
+    Raises:
+        ProjectError: A point cloud is asked for, and no library that writes one is installed.
+    """
+    if project.surface is not None and project.surface.point_cloud:
+        check_cloud_writer(project.file)
 
 
 def make_block_surface(
@@ -66,14 +78,9 @@ def make_block_surface(
 
     Returns:
         The surface, or why there is none; files of an earlier one are then removed.
-
-    Raises:
-        ProjectError: A point cloud is asked for, and no library that writes one is installed.
     """
     digest_of, block = session.products.digest_of, report.block
     options = project.surface or SurfaceOptions()
-    if options.point_cloud:
-        check_cloud_writer(project.file)
     photos = [
         (photo, block.camera_of(name), photo.scan)
         for name, photo in block.photos.items()
@@ -84,7 +91,10 @@ def make_block_surface(
     files = SurfaceFiles.within(session.results)
     kept = None if anew else session.products.load_value("surface", digest_of(inputs, files.paths))
     if kept is not None and all(path.is_file() for path in files.paths):
+        make_layers(session, project, kept, work)
         return kept
+    more = options.point_cloud or options.contours_m is not None
+    share = MATCHED if more else 1.0
     try:
         with ExitStack() as stack:
             parts = [stack.enter_context(whole_file(path)) for path in files.paths]
@@ -95,16 +105,18 @@ def make_block_surface(
                 usable_parts(session),
                 ties=report.tie_positions,
                 options=options,
-                work=work,
+                work=work.part(0.0, share),
             )
             if isinstance(made, Failure):
                 raise _NothingMatched(made)
     except _NothingMatched as nothing:
         for path in files.paths:
             path.unlink(missing_ok=True)
+        make_layers(session, project, nothing.failure, work)
         return nothing.failure
     product = with_files(made, files)
     session.products.save_value("surface", digest_of(inputs, files.paths), product)
+    make_layers(session, project, product, work.part(share, 1.0))
     return product
 
 
@@ -116,30 +128,32 @@ def make_layers(
     Files that nobody asks for any more are removed.
     """
     options, crs = project.surface or SurfaceOptions(), project.block.crs
-    interval_m = options.contours_m
-    made = None if isinstance(surface, Failure) else surface.files
+    interval_m, products = options.contours_m, session.products
+    made = None if isinstance(surface, Failure) else surface
 
-    def cloud(part: Path) -> None:
-        if made is not None:
-            write_cloud(part, made, crs, work.part(0.0, CLOUDED))
+    def cloud(part: Path, made: SurfaceProduct) -> None:
+        write_cloud(part, made.files, made.grid, crs, work.part(0.0, CLOUDED))
 
-    def contours(part: Path) -> None:
-        if made is not None and interval_m is not None:
-            write_contours(part, made.surface, interval_m, crs, work.part(CLOUDED, 1.0))
+    def contours(part: Path, made: SurfaceProduct) -> None:
+        assert interval_m is not None, "only then they are asked for"
+        write_contours(
+            part, made.files.surface, made.grid, interval_m,
+            crs=crs, work=work.part(CLOUDED, 1.0),
+        )  # fmt: skip
 
-    for name, file, wanted, write in (
-        ("cloud", CLOUD, options.point_cloud, cloud),
-        ("contours", CONTOURS, interval_m is not None, contours),
+    for name, file, version, wanted, write in (
+        ("cloud", CLOUD, CLOUD_VERSION, options.point_cloud or None, cloud),
+        ("contours", CONTOURS, CONTOURS_VERSION, interval_m, contours),
     ):
         path = session.results / file
-        if made is None or not wanted:
+        if made is None or wanted is None:
             path.unlink(missing_ok=True)
             continue
-        inputs = session.products.digest_of(name, VERSION, interval_m, crs, *made.paths)
-        if session.products.load_value(name, session.products.digest_of(inputs, path)) is None:
+        inputs = products.digest_of(name, version, wanted, crs, *made.files.paths)
+        if products.load_value(name, products.digest_of(inputs, path)) is None:
             with whole_file(path) as part:
-                write(part)
-            session.products.save_value(name, session.products.digest_of(inputs, path), True)
+                write(part, made)
+            products.save_value(name, products.digest_of(inputs, path), True)
 
 
 def make_ground(session: Session, project: Project, surface: SurfaceProduct | Failure) -> None:

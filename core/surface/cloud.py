@@ -90,11 +90,11 @@ def check_cloud_writer(file: Path) -> None:
         raise ProjectError(
             file,
             "[surface] point_cloud needs the libraries laspy and lazrs, which are not installed.",
-            "Install them with: pip install 'laspy[lazrs]', or leave it out.",
+            "Install them with: pip install 'gruber[cloud]', or leave it out.",
         )
 
 
-def write_cloud(path: Path, surface: SurfaceFiles, crs: str, work: Work) -> int:
+def write_cloud(path: Path, surface: SurfaceFiles, grid: Grid, crs: str, work: Work) -> int:
     """Write the known cells of a surface as points.
 
     User data of a point are the pairs of photos that agree there, `sigma_z` the standard deviation
@@ -103,6 +103,7 @@ def write_cloud(path: Path, surface: SurfaceFiles, crs: str, work: Work) -> int:
     Args:
         path: The file.
         surface: The rasters of the surface.
+        grid: Where their cells lie.
         crs: The block's CRS.
         work: Told node by node.
 
@@ -122,8 +123,7 @@ def write_cloud(path: Path, surface: SurfaceFiles, crs: str, work: Work) -> int:
         rasterio.open(surface.count) as pairs,
         path.open("wb") as out,
     ):
-        west, gsd, _, north, *_ = heights.transform.to_gdal()
-        cube = _cube_around(heights, Grid(west, north, gsd, heights.width, heights.height))
+        cube = _cube_around(heights, grid)
         layout = lazrs.LazVlr.new_for_compression(FORMAT, POINT["sigma_z"].itemsize, True)
         head = _head(cube, crs)
         head.vlrs.insert(1, LasZipVlr(bytes(layout.record_data())))
@@ -278,9 +278,10 @@ def _nodes_of(
 def _thinned(raster: Any, tile: Tile, step: int) -> Shaped[np.ndarray, "rows columns"]:
     """Every so many cells of a tile, read in bands."""
     column, row, columns, rows = tile
+    # A band begins with a row that is wanted, however far apart these are.
     bands = [
         raster.read(1, window=window_of((column, top, columns, min(BLOCK_PX, row + rows - top))))
-        for top in range(row, row + rows, BLOCK_PX)
+        for top in range(row, row + rows, max(BLOCK_PX, step))
     ]
     return np.vstack([band[::step, ::step] for band in bands])
 

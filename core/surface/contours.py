@@ -33,12 +33,15 @@ BOLD_EVERY = 5
 SAME_DECIMALS = 3
 
 
-def write_contours(path: Path, surface: Path, interval_m: float, crs: str, work: Work) -> int:
+def write_contours(
+    path: Path, surface: Path, grid: Grid, interval_m: float, *, crs: str, work: Work
+) -> int:
     """Write contour lines of the known part of a surface, smoothed over a few cells.
 
     Args:
         path: The GeoPackage.
         surface: Heights, metres.
+        grid: Where their cells lie.
         interval_m: Heights between two lines, metres.
         crs: The block's CRS.
         work: Told tile by tile.
@@ -51,17 +54,16 @@ def write_contours(path: Path, surface: Path, interval_m: float, crs: str, work:
     """
     pieces: dict[int, list[shapely.LineString]] = {}
     with rasterio.open(surface) as heights:
-        west, gsd, _, north, *_ = heights.transform.to_gdal()
-        grid = Grid(west, north, gsd, heights.width, heights.height)
         tiles = list(tiles_of(grid, BLOCK_PX))
         for done, tile in enumerate(tiles, start=1):
             for number, lines in _lines_of(heights, grid, tile, interval_m).items():
                 pieces.setdefault(number, []).extend(lines)
             work.progress.report(done, len(tiles), "contour lines")
     lines, numbers = list[shapely.LineString](), list[int]()
+    shortest = SHORTEST_CELLS * grid.ground_sample_distance_m
     for number, parts in sorted(pieces.items()):
         merged = shapely.line_merge(shapely.MultiLineString(parts))
-        whole = [one for one in shapely.get_parts(merged) if one.length >= SHORTEST_CELLS * gsd]
+        whole = [one for one in shapely.get_parts(merged) if one.length >= shortest]
         lines += whole
         numbers += [number] * len(whole)
     levels = np.array(numbers, dtype=np.int64)

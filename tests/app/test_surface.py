@@ -165,7 +165,6 @@ def test_point_cloud_and_contours_come_and_go_with_their_keys__law(asked, tiny_r
     wanted = replace(project, surface=SurfaceOptions(CELL_M, point_cloud=True, contours_m=5.0))
     surface = make_block_surface(session, wanted, report, dem, Work(seed="tiny"))
     assert not isinstance(surface, Failure)
-    make_layers(session, wanted, surface, Work())
     cloud, contours = session.results / CLOUD, session.results / CONTOURS
     with rasterio.open(surface.files.surface) as file:
         heights = file.read(1, masked=True)

@@ -13,6 +13,11 @@ CRS = "EPSG:5514"
 WEST, NORTH, CELL_M = -600_000.4, -1_100_000.2, 0.8
 
 
+def grid_of(heights: np.ndarray) -> Grid:
+    """Where the cells of heights lie."""
+    return Grid(WEST, NORTH, CELL_M, heights.shape[1], heights.shape[0])
+
+
 def written(folder: Path, heights: np.ndarray) -> SurfaceFiles:
     """Heights (NaN in holes), with a standard deviation and a count that differ from row to row."""
     files = SurfaceFiles.within(folder)
@@ -21,8 +26,7 @@ def written(folder: Path, heights: np.ndarray) -> SurfaceFiles:
     sigmas = np.where(known, 0.1 + row / 10_000, NODATA_M).astype(np.float32)
     counts = np.where(known, 1 + row % 5, 0).astype(np.uint8)
     values = np.nan_to_num(heights, nan=NODATA_M).astype(np.float32)
-    rows, columns = heights.shape
-    grid = Grid(WEST, NORTH, CELL_M, columns, rows)
+    grid = grid_of(heights)
     for path, band, nodata in (
         (files.surface, values, NODATA_M),
         (files.sigma, sigmas, NODATA_M),

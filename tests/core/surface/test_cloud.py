@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import astuple
 from pathlib import Path
 
 import laspy
@@ -12,7 +13,7 @@ from core.errors import ProjectError
 from core.progress import Work
 from core.surface import cloud
 from core.surface.cloud import check_cloud_writer, write_cloud
-from tests.core.surface.rasters import CELL_M, CRS, NORTH, WEST, written
+from tests.core.surface.rasters import CELL_M, CRS, NORTH, WEST, grid_of, written
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +29,10 @@ def heights() -> np.ndarray:
 def made(heights, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("surface")
     path = folder / "surface.copc.laz"
-    assert write_cloud(path, written(folder, heights), CRS, Work()) == np.isfinite(heights).sum()
+    assert (
+        write_cloud(path, written(folder, heights), grid_of(heights), CRS, Work())
+        == np.isfinite(heights).sum()
+    )
     return path
 
 
@@ -76,7 +80,7 @@ def test_depths_are_coarser_surfaces_and_parts_are_read_alone__oracle(heights, m
 
 def test_the_same_surface_gives_the_same_bytes__law(heights, made, tmp_path):
     again = tmp_path / "again.copc.laz"
-    write_cloud(again, written(tmp_path, heights), CRS, Work())
+    write_cloud(again, written(tmp_path, heights), grid_of(heights), CRS, Work())
     assert again.read_bytes() == made.read_bytes()
 
 
@@ -89,13 +93,15 @@ def test_a_disk_that_is_full_is_an_error__law(heights, made, tmp_path, share):
 import resource, signal
 from pathlib import Path
 from core.progress import Work
+from core.raster.grid import Grid
 from core.surface.cloud import write_cloud
 from core.surface.stage import SurfaceFiles
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, ({most}, resource.RLIM_INFINITY))
 folder = Path({str(tmp_path)!r})
 try:
-    write_cloud(folder / "full.copc.laz", SurfaceFiles.within(folder), {CRS!r}, Work())
+    grid = Grid(*{astuple(grid_of(heights))})
+    write_cloud(folder / "full.copc.laz", SurfaceFiles.within(folder), grid, {CRS!r}, Work())
 except OSError:
     print("told")
 """
@@ -105,7 +111,22 @@ except OSError:
     assert run.stdout == "told\n", run.stderr
 
 
-def test_without_its_libraries_it_says_what_to_install__truth(monkeypatch):
+def test_steps_longer_than_a_band_of_the_file_keep_their_places__oracle(tmp_path, monkeypatch):
+    """As of a surface of more than a hundred thousand cells."""
+    monkeypatch.setattr(cloud, "NODE_CELLS", 4)
+    heights = np.add.outer(np.arange(2100.0) / 10, np.arange(8.0))
+    path = tmp_path / "surface.copc.laz"
+    write_cloud(path, written(tmp_path, heights), grid_of(heights), CRS, Work())
+    points = laspy.read(path)
+    row, column = cells_of(points)
+    assert len({*zip(row.tolist(), column.tolist(), strict=True)}) == heights.size
+    assert np.abs(np.array(points.z) - heights[row, column]).max() < 0.0006
+    with laspy.CopcReader.open(str(path)) as reader:
+        row, _ = cells_of(reader.query(level=0))
+    assert sorted({*row.tolist()}) == [0, 1024, 2048]
+
+
+def test_without_its_libraries_it_says_what_to_install__law(monkeypatch):
     check_cloud_writer(Path("block.toml"))
     monkeypatch.setattr(cloud, "find_spec", lambda name: None)
     with pytest.raises(ProjectError, match=r"block\.toml.*laspy and lazrs"):

@@ -9,7 +9,7 @@ import shapely
 
 from core.progress import Work
 from core.surface.contours import write_contours
-from tests.core.surface.rasters import CELL_M, CRS, NORTH, WEST, written
+from tests.core.surface.rasters import CELL_M, CRS, NORTH, WEST, grid_of, written
 
 TOP_M, FALL, INTERVAL_M = 500.0, 0.2, 10.0
 SIDE = 1100
@@ -24,7 +24,8 @@ def cone() -> np.ndarray:
 
 def lines_of(folder: Path, heights: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     path = folder / "surface_contours.gpkg"
-    count = write_contours(path, written(folder, heights).surface, INTERVAL_M, CRS, Work())
+    files = written(folder, heights)
+    count = write_contours(path, files.surface, grid_of(heights), INTERVAL_M, crs=CRS, work=Work())
     meta, _, geometries, fields = pyogrio.raw.read(path, layer="contours")
     assert len(geometries) == count
     assert meta["crs"] == CRS
