@@ -30,7 +30,8 @@ from core.literature.common_grid import (
     sizes_px,
 )
 from core.literature.detectors import is_installed
-from core.literature.operator_variants import Sizes, paired
+from core.literature.one_window import Sizes
+from core.literature.operator_variants import paired
 from core.literature.published_chains import (
     KOBYLI_1938,
     KOBYLI_1984,

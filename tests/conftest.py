@@ -96,7 +96,7 @@ def teaching_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
         def make(folder: Path) -> None:
             patch.setattr(places, "cache_folder", lambda: folder)
-            places.made_once()
+            places.teaching_flight()
 
         folder = made_once(tmp_path_factory, "teaching", make)
         patch.setattr(places, "cache_folder", lambda: folder)

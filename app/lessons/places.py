@@ -1,8 +1,6 @@
 """Matching on real places of a flight: template and window laid by hand, by every operator."""
 
 import os
-import shutil
-import tempfile
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,6 +13,7 @@ import numpy as np
 
 from app.experiments import Ground, open_ground
 from app.lessons import sheet
+from core.arrays import Mask
 from core.literature.common_grid import (
     Band,
     GridPair,
@@ -28,20 +27,19 @@ from core.literature.common_grid import (
 from core.literature.detectors import is_installed
 from core.literature.one_window import (
     FROM_SCAN,
-    Likeness,
-    Template,
+    GridPatch,
+    OperatorSearch,
+    Sizes,
     Way,
-    likeness_in,
-    template_at,
+    WindowScores,
 )
-from core.literature.operator_variants import Land, Sizes
 from core.literature.published_chains import PublishedOptions
 from core.matching.patches import OpenPhoto
 from core.matching.peaks import Image, detect_peaks
 from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
 from core.synthetic.truth import WRONG_M
-from sessions.disk import explain_disk_errors
+from sessions.atomic_write import clean_leftovers, whole_folder
 from sessions.products import digest_of
 
 NAMES = ("ncc", "sift", "surf", "orb", "cfog", "gradient", "fused", "ncc-high-pass")
@@ -50,7 +48,13 @@ WAYS: tuple[Way, ...] = ("hand", "d", "dd", "vd", "vdd", "k")
 BANDS: tuple[Band, ...] = ("grey", "green", "nearest")
 REACH_M, ROOM_M = 130.0, 60.0
 """The pictures reach so far from a junction, template and window are dragged so far, metres."""
-PLACES, SHOWN, APART_M = 9, 5, 5.0
+# Fields, woods and houses are among so many; each is read once before the lesson opens.
+PLACES = 9
+# The best and its rivals, few enough to tell apart at a glance.
+SHOWN = 5
+# A road is as wide: nearer peaks show one detail.
+APART_M = 5.0
+"""Peaks nearer to each other than this are one, metres."""
 Frame = tuple[float, float, float, float]
 """Left, lower, right, upper edge, metres."""
 FLIGHT = SyntheticOptions("small", strips=1, photos_per_strip=2, scan_pixel_um=100.0)
@@ -58,7 +62,7 @@ FLIGHT = SyntheticOptions("small", strips=1, photos_per_strip=2, scan_pixel_um=1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Site:
+class ShownJunction:
     """A place as scan and ortho show it at one resolution."""
 
     ground: Ground
@@ -69,7 +73,7 @@ class Site:
     """Both pictures; the junction is in the middle."""
     roads: Image
     """Drawn roads."""
-    built: Land
+    built: Mask
     """Built-up land."""
 
     @property
@@ -90,6 +94,13 @@ class Site:
         """East and north of the junction of grid points, metres."""
         return (places - self.middle) * [self.gsd_m, -self.gsd_m]
 
+    @property
+    def frame(self) -> Frame:
+        """What the pictures cover, half a pixel more than is reached for, about the junction."""
+        grid = self.pair.grid
+        low, high = self.metres(np.array([[0.0, grid.rows], [grid.columns, 0.0]])).tolist()
+        return (low[0], low[1], high[0], high[1])
+
     def shown_at(self, places: Places) -> Places:
         """Grid points of the ortho at which lies what the scan truly shows at grid points."""
         grid, truth = self.pair.grid, self.ground.truth
@@ -101,7 +112,7 @@ class Site:
             shown = truth.ground_of(self.opened.photo.photo_id, pixels, heights)
         return grid.grid_from_object(shown)
 
-    def truly(self, template: Template, way: Way) -> Places:
+    def true_place(self, template: GridPatch, way: Way) -> Places:
         """Where the template really lies in the other picture, a grid point."""
         if way in FROM_SCAN:
             return self.shown_at(template.place)
@@ -112,7 +123,7 @@ class Site:
         return place
 
 
-class Flight:
+class LessonGround:
     """The ground of the lesson, opened once, and its places."""
 
     def __init__(self, folder: Callable[[], Path]) -> None:
@@ -130,10 +141,10 @@ class Flight:
         with self._lock:
             if self._opened is None:
                 ground = open_ground(self._folder())
-                self._opened = ground, places_of(ground)
+                self._opened = ground, visible_junctions(ground)
             return self._opened
 
-    def _site(self, number: int, gsd_m: float, band: Band) -> Site:
+    def _site(self, number: int, gsd_m: float, band: Band) -> ShownJunction:
         ground, places = self.opened()
         opened, junction = places[number % len(places)]
         return site_of(ground, opened, junction, gsd_m, band)
@@ -141,15 +152,17 @@ class Flight:
 
 def site_of(
     ground: Ground, opened: OpenPhoto, junction: int, gsd_m: float, band: Band = "grey"
-) -> Site:
+) -> ShownJunction:
     """A junction and what is around it."""
     grid = grid_about(ground.junctions[junction], round(REACH_M / gsd_m), gsd_m)
     reference = ground.reference
     pair = lay_on_grid(opened, reference.ortho, reference.dem, grid, 0.0, band)
-    return Site(ground, opened, pair, roads_on_grid(reference, grid), built_up(ground.roads, grid))
+    return ShownJunction(
+        ground, opened, pair, roads_on_grid(reference, grid), built_up(ground.roads, grid)
+    )
 
 
-def places_of(ground: Ground) -> list[tuple[OpenPhoto, int]]:
+def visible_junctions(ground: Ground) -> list[tuple[OpenPhoto, int]]:
     """Junctions that photos show with all their surroundings, those in the middle first.
 
     Raises:
@@ -175,8 +188,9 @@ def places_of(ground: Ground) -> list[tuple[OpenPhoto, int]]:
     if not mixed:
         raise sheet.LessonError(
             ground.truth.folder,
-            "no photo shows a road junction with 130 m around it.",
+            "no photo shows a road junction with {reach} m around it.",
             "Name another block with truth, such as one of `gruber demo`.",
+            reach=round(REACH_M),
         )
     return mixed
 
@@ -186,7 +200,7 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gruber"
 
 
-def made_once() -> Path:
+def teaching_flight() -> Path:
     """The teaching flight, in the user's cache; made where it is not there.
 
     Raises:
@@ -194,24 +208,19 @@ def made_once() -> Path:
     """
     cache = cache_folder()
     folder = cache / f"teach-{digest_of('teach', 1, FLIGHT)[:12]}"
-    with explain_disk_errors(cache):
-        if not folder.is_dir():
-            cache.mkdir(parents=True, exist_ok=True)
-            made = Path(tempfile.mkdtemp(prefix="teach-", dir=cache))
-            make_block(made, FLIGHT)
-            try:
-                made.rename(folder)
-            except OSError:
-                # Another program was faster.
-                shutil.rmtree(made)
+    clean_leftovers(cache)
+    if not folder.is_dir():
+        # Whoever makes it at the same time makes the same.
+        with whole_folder(folder) as temporary:
+            make_block(temporary, FLIGHT)
     return folder
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sought:
+class PatchSearch:
     """What a state of the sliders finds."""
 
-    site: Site
+    site: ShownJunction
     """Where."""
     name: str
     """Operator."""
@@ -221,9 +230,9 @@ class Sought:
     """Patch and search, pixels."""
     centre: Places
     """Middle of the window, (1, 2)."""
-    template: Template | None
+    template: GridPatch | None
     """What is sought, if a point is there."""
-    likeness: Likeness
+    likeness: WindowScores
     """How alike the places of the window are."""
 
     @property
@@ -236,7 +245,7 @@ class Sought:
         return self.site.metres(places) - self.site.metres(self.centre)
 
 
-def seek(flight: Flight, state: sheet.State) -> Sought:
+def seek(flight: LessonGround, state: sheet.State) -> PatchSearch:
     """Template and window where the sliders put them, and the likeness in it."""
     gsd, way = state["gsd"], WAYS[int(state["way"]) - 1]
     site = flight.site(int(state["place"]) - 1, gsd, BANDS[int(state["band"]) - 1])
@@ -251,28 +260,21 @@ def seek(flight: Flight, state: sheet.State) -> Sought:
         for end, most in zip("tw", room, strict=True)
     ]
     centre = np.floor(places[1]) + 0.5
-    nothing = Likeness(np.zeros((0, 2)), np.zeros(0), None)
+    nothing = WindowScores(np.zeros((0, 2)), np.zeros(0), None)
     if not is_installed(name):
-        return Sought(site, name, way, sizes, centre, None, nothing)
-    template = template_at(name, way, site.pair, places[0], sizes, land)
-    if template is None:
-        return Sought(site, name, way, sizes, centre, None, nothing)
-    own, searched = site.pair.archival, site.pair.reference
-    roads = np.zeros_like(own)
-    if way not in FROM_SCAN:
-        own, searched, roads = searched, own, site.roads
-    likeness = likeness_in(
-        name, way, (own, searched, roads), template, centre, sizes=sizes, within=land
-    )
-    return Sought(site, name, way, sizes, centre, template, likeness)
+        return PatchSearch(site, name, way, sizes, centre, None, nothing)
+    search = OperatorSearch(name, way, site.pair, sizes, land, site.roads)
+    template = search.template_at(places[0])
+    likeness = nothing if template is None else search.likeness(template, centre)
+    return PatchSearch(site, name, way, sizes, centre, template, likeness)
 
 
-def view_of(flight: Flight, state: sheet.State) -> sheet.View:
+def view_of(flight: LessonGround, state: sheet.State) -> sheet.View:
     """Scan, ortho and likeness, with the peaks."""
     found = seek(flight, state)
     site, way = found.site, found.way
-    peaks = best_spots(found)
-    true = None if found.template is None else site.truly(found.template, way)
+    peaks = best_places(found)
+    true = None if found.template is None else site.true_place(found.template, way)
     figures = figures_of(found, peaks, true)
     if state["built"]:
         figures["built"] = sheet.Number(100 * float(site.built.mean()), 0, "%")
@@ -282,10 +284,9 @@ def view_of(flight: Flight, state: sheet.State) -> sheet.View:
         rings = outlines(site)
         for name in shapes:
             shapes[name] = [*rings, *shapes[name]]
-    frame: Frame = (-REACH_M, -REACH_M, REACH_M, REACH_M)
     canvases = [
-        sheet.Canvas(name, frame, tuple(shapes[name]), picture=picture)
-        for name, picture in zip(("scan", "ortho"), pictures_of(site, frame), strict=True)
+        sheet.Canvas(name, site.frame, tuple(shapes[name]), picture=picture)
+        for name, picture in zip(("scan", "ortho"), pictures_of(site), strict=True)
     ]
     canvases.append(likeness_canvas(found, peaks, true))
     side = 2 * found.sizes.half + 1
@@ -294,16 +295,17 @@ def view_of(flight: Flight, state: sheet.State) -> sheet.View:
 
 
 @lru_cache(maxsize=32)
-def pictures_of(site: Site, frame: Frame) -> tuple[sheet.Picture, sheet.Picture]:
+def pictures_of(site: ShownJunction) -> tuple[sheet.CanvasPicture, sheet.CanvasPicture]:
     """Scan and ortho, coded once for as long as a place is looked at."""
-    return sheet.picture(site.pair.archival, frame), sheet.picture(site.pair.reference, frame)
+    pair, frame = site.pair, site.frame
+    return sheet.picture(pair.archival, frame), sheet.picture(pair.reference, frame)
 
 
-def best_spots(found: Sought) -> Places:
+def best_places(found: PatchSearch) -> Places:
     """The most alike places, best first: peaks of the surface, or detected points."""
     likeness, apart = found.likeness, max(1, round(APART_M / found.site.gsd_m))
     if likeness.surface is None:
-        ranked = likeness.spots[np.argsort(-likeness.scores, kind="stable")]
+        ranked = likeness.places[np.argsort(-likeness.scores, kind="stable")]
         # A point that is detected in two sizes or directions is one place.
         _, first = np.unique(np.round(ranked), axis=0, return_index=True)
         return ranked[np.sort(first)[:SHOWN]]
@@ -315,15 +317,15 @@ def best_spots(found: Sought) -> Places:
     return np.vstack([likeness.best, others[away > apart]])[:SHOWN]
 
 
-def figures_of(found: Sought, peaks: Places, true: Places | None) -> dict[str, sheet.Number]:
+def figures_of(found: PatchSearch, peaks: Places, true: Places | None) -> dict[str, sheet.Number]:
     """Likeness of the best and the second, and how the truth ranks."""
     likeness, gsd = found.likeness, found.site.gsd_m
-    figures = {"compared": sheet.Number(len(likeness.spots), 0)}
+    figures = {"compared": sheet.Number(len(likeness.places), 0)}
     if not len(peaks) or true is None:
         return figures
 
     def at(place: np.ndarray) -> float:
-        nearest = np.linalg.norm(likeness.spots - place, axis=1).argmin()
+        nearest = np.linalg.norm(likeness.places - place, axis=1).argmin()
         return float(likeness.scores[nearest])
 
     figures["best"] = sheet.Number(at(peaks[0]), 3)
@@ -331,7 +333,7 @@ def figures_of(found: Sought, peaks: Places, true: Places | None) -> dict[str, s
         figures["second"] = sheet.Number(at(peaks[1]), 3)
     off = float(np.linalg.norm(peaks[0] - true)) * gsd
     figures["miss"] = sheet.Number(off, 1, "m", secret=True)
-    if np.linalg.norm(likeness.spots - true, axis=1).min() * gsd <= WRONG_M:
+    if np.linalg.norm(likeness.places - true, axis=1).min() * gsd <= WRONG_M:
         higher = int((likeness.scores > at(true[0])).sum())
         figures["higher"] = sheet.Number(higher, 0, secret=True)
     return figures
@@ -343,7 +345,7 @@ def square(middle: np.ndarray, side_m: float) -> np.ndarray:
     return middle + np.vstack([corners, corners[:1]])
 
 
-def template_shapes(found: Sought, state: sheet.State) -> list[sheet.Shape]:
+def template_shapes(found: PatchSearch, state: sheet.State) -> list[sheet.Shape]:
     """The patch, and the handle that lays it."""
     laid = np.array([state["tx"], state["ty"]])
     if found.template is None:
@@ -357,7 +359,7 @@ def template_shapes(found: Sought, state: sheet.State) -> list[sheet.Shape]:
     return [*shapes, sheet.shape("dots", [place], "estimate", handle=("tx", "ty"))]
 
 
-def window_shapes(found: Sought, peaks: Places, true: Places | None) -> list[sheet.Shape]:
+def window_shapes(found: PatchSearch, peaks: Places, true: Places | None) -> list[sheet.Shape]:
     """The window, its handle, what was found, and the truth."""
     middle = found.site.metres(found.centre)[0]
     rim = square(middle, 2 * found.half_m)
@@ -370,7 +372,7 @@ def window_shapes(found: Sought, peaks: Places, true: Places | None) -> list[she
     return [*shapes, sheet.shape("dots", [middle], "second", handle=("wx", "wy"))]
 
 
-def outlines(site: Site) -> list[sheet.Shape]:
+def outlines(site: ShownJunction) -> list[sheet.Shape]:
     """The rim of built-up land."""
     rings, _ = cv2.findContours(site.built.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
     return [
@@ -379,15 +381,15 @@ def outlines(site: Site) -> list[sheet.Shape]:
     ]
 
 
-def likeness_canvas(found: Sought, peaks: Places, true: Places | None) -> sheet.Canvas:
+def likeness_canvas(found: PatchSearch, peaks: Places, true: Places | None) -> sheet.Canvas:
     """The surface of likeness in the window, or the points that were compared."""
     half, likeness = found.half_m, found.likeness
     reach = half + found.site.gsd_m / 2
     window, shapes, picture = (-reach, -reach, reach, reach), list[sheet.Shape](), None
     if likeness.surface is not None:
-        picture = sheet.picture(coloured(likeness.surface), window, ".png")
+        picture = sheet.picture(colours_of(likeness.surface), window, ".png")
     else:
-        shapes.append(sheet.shape("dots", found.from_centre(likeness.spots), "faint"))
+        shapes.append(sheet.shape("dots", found.from_centre(likeness.places), "faint"))
     if not is_installed(found.name):
         shapes.append(sheet.shape("text", [[-half, 0.0]], "bad", "missing"))
     elif found.template is None:
@@ -400,14 +402,14 @@ def likeness_canvas(found: Sought, peaks: Places, true: Places | None) -> sheet.
     return sheet.Canvas("likeness", window, tuple(shapes), picture=picture)
 
 
-def coloured(surface: np.ndarray) -> np.ndarray:
+def colours_of(surface: np.ndarray) -> np.ndarray:
     """Likeness from dark to bright, over its own range."""
     low, high = float(surface.min()), float(surface.max())
     grey = (surface - low) / max(high - low, 1e-9) * 255
     return cv2.applyColorMap(grey.astype(np.uint8), cv2.COLORMAP_VIRIDIS)
 
 
-def profile_of(found: Sought) -> sheet.Plot | None:
+def profile_of(found: PatchSearch) -> sheet.Plot | None:
     """Likeness along the row of the best place, or of the points in the order of likeness."""
     likeness, half = found.likeness, found.sizes.half
     if likeness.surface is not None:
@@ -431,7 +433,7 @@ def ask(rng: np.random.Generator) -> sheet.Asked:
 
 def lesson_on(folder: Path) -> sheet.Lesson:
     """The lesson on a block with truth."""
-    flight = Flight(lambda: folder)
+    flight = LessonGround(lambda: folder)
 
     def view(state: sheet.State) -> sheet.View:
         return view_of(flight, state)
@@ -447,7 +449,7 @@ def _handles() -> list[sheet.Slider]:
     ]
 
 
-_USUAL = Flight(made_once)
+_USUAL = LessonGround(teaching_flight)
 LESSON = sheet.Lesson(
     "places",
     "j",

@@ -107,7 +107,7 @@ class Shape:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
+class CanvasPicture:
     """A picture beneath the shapes of a drawing."""
 
     address: str
@@ -131,7 +131,7 @@ class Canvas:
     """Of its coordinates."""
     equal: bool = True
     """Whether both axes have one scale."""
-    picture: Picture | None = None
+    picture: CanvasPicture | None = None
     """What lies beneath."""
 
 
@@ -288,11 +288,11 @@ def curve(name: str, x: ArrayLike, y: ArrayLike, look: Look = "estimate") -> Cur
 
 def picture(
     values: np.ndarray, window: tuple[float, float, float, float], suffix: str = ".jpg"
-) -> Picture:
+) -> CanvasPicture:
     """A picture of grey values or of colours (blue, green, red), 0 to 255."""
     _, coded = cv2.imencode(suffix, np.clip(np.rint(values), 0, 255).astype(np.uint8))
     kind = "png" if suffix == ".png" else "jpeg"
-    return Picture(f"data:image/{kind};base64,{b64encode(coded.tobytes()).decode()}", window)
+    return CanvasPicture(f"data:image/{kind};base64,{b64encode(coded.tobytes()).decode()}", window)
 
 
 def frame_of(half: float) -> list[list[float]]:

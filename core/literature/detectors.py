@@ -11,14 +11,13 @@ from typing import Any, Protocol, cast, runtime_checkable
 
 import cv2
 import numpy as np
-from jaxtyping import Float64, UInt8
+from jaxtyping import UInt8
 
 from core.frames import HALF_PIXEL
+from core.literature.common_grid import Places
 from core.matching.peaks import Image
 
 Grey8 = UInt8[np.ndarray, "rows columns"]
-Spots = Float64[np.ndarray, "_ 2"]
-"""Places (column, row) of an image, in pixels from the corner of the first."""
 # source: Lowe 2004, section 6.1, as OpenCV has it: four bins a side, each three scales wide, a
 # scale being half a keypoint's size.
 SIFT_SIDE = 6.0
@@ -88,21 +87,23 @@ class SurfDetector:
         return kept, told[:, 6:]
 
 
-def described(made: Detector, image: Grey8, places: Spots, size: float) -> tuple[Spots, np.ndarray]:
+def describe_places(
+    made: Detector, image: Grey8, places: Places, size: float
+) -> tuple[Places, np.ndarray]:
     """Upright descriptors of one size, and the places that have one."""
     points = [cv2.KeyPoint(x, y, size, 0.0) for x, y in (places - HALF_PIXEL).tolist()]
     kept, descriptors = made.compute(image, points)
     return places_of(kept), np.zeros((0, 1)) if descriptors is None else descriptors
 
 
-def places_of(points: Sequence[Any]) -> Spots:
+def places_of(points: Sequence[Any]) -> Places:
     """Grid points of key points, which OpenCV counts from the middle of the first pixel."""
     return np.array([point.pt for point in points], np.float64).reshape(-1, 2) + HALF_PIXEL
 
 
-def described_everywhere(
-    made: Detector, image: Grey8, point: Any, middle: Spots, half: int
-) -> tuple[Spots, np.ndarray]:
+def describe_window(
+    made: Detector, image: Grey8, point: Any, middle: Places, half: int
+) -> tuple[Places, np.ndarray]:
     """Every place of a window described in the size and direction of a point.
 
     Args:

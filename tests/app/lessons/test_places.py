@@ -1,15 +1,21 @@
 """Matching on real places: what is drawn, found and told beside the flight's truth."""
 
+import errno
+import sys
+import time
+from base64 import b64decode
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from app.lessons import places, sheet
 from app.teaching import Teacher, find_lessons
-from core.errors import ReferenceDataError
+from core.errors import ReferenceDataError, StorageError
 from core.synthetic.truth import WRONG_M
+from tests.forked import Forked
 
 pytestmark = pytest.mark.usefixtures("teaching_cache")
 START = places.LESSON.start
@@ -32,10 +38,10 @@ def middle(view: sheet.View, name: str, look: str, label: str = "") -> np.ndarra
     return np.mean(shape.points[:-1], axis=0)
 
 
-class Then(places.Flight):
+class Then(places.LessonGround):
     """The flight with an ortho of its own time."""
 
-    def _site(self, number: int, gsd_m: float, band: places.Band) -> places.Site:
+    def _site(self, number: int, gsd_m: float, band: places.Band) -> places.ShownJunction:
         ground, found = self.opened()
         then = replace(ground, reference=replace(ground.reference, ortho=ground.older))
         return places.site_of(then, *found[number % len(found)], gsd_m, band)
@@ -43,7 +49,7 @@ class Then(places.Flight):
 
 @pytest.mark.parametrize("way", [HAND, VD, DETECTOR])
 def test_unchanged_ground_is_found_where_it_truly_lies__truth(way: int) -> None:
-    flight = Then(places.made_once)
+    flight = Then(places.teaching_flight)
     misses = [
         places.view_of(flight, START | {"way": way, "place": i}).figures["miss"].value
         for i in range(1, 10)
@@ -60,7 +66,7 @@ def test_changed_ground_is_found_by_edges_more_often_than_by_chance__truth() -> 
 
 def test_the_ring_of_truth_is_where_the_photo_truly_shows_the_template__truth() -> None:
     """The way there through the true orientation, which the lesson asks the other way round."""
-    flight = places.Flight(places.made_once)
+    flight = places.LessonGround(places.teaching_flight)
     for number in (0, 3):
         site = flight.site(number, 1.0, "grey")
         template = site.grid_point(20.0, -15.0)
@@ -70,11 +76,11 @@ def test_the_ring_of_truth_is_where_the_photo_truly_shows_the_template__truth() 
         exposure = site.ground.truth.photos[site.opened.photo.photo_id]
         point = np.column_stack([known, true])
         pixel = exposure.pixel_from_object(point, site.ground.truth.camera)
-        laid = places.Template(template, 51.0)
-        there = site.pair.scan_pixels(site.truly(laid, "vd"))
+        laid = places.GridPatch(template, 51.0)
+        there = site.pair.scan_pixels(site.true_place(laid, "vd"))
         # A tenth of a scan pixel: both pictures are resampled by bilinear tables.
         assert np.abs(there - pixel).max() < 0.15
-        back = site.truly(places.Template(site.truly(laid, "vd"), 51.0), "hand")
+        back = site.true_place(places.GridPatch(site.true_place(laid, "vd"), 51.0), "hand")
         assert np.abs(back - template).max() < 0.05
 
 
@@ -88,6 +94,71 @@ def test_template_and_window_lie_where_they_are_dragged__law() -> None:
     assert middle(other, "scan", "second", "window") == pytest.approx([-5, 12], abs=0.51)
 
 
+@pytest.mark.parametrize("gsd", [0.5, 1.0, 1.5, 2.0])
+def test_pictures_lie_where_their_shapes_do__law(gsd: float) -> None:
+    """A picture's pixel is as large as the grid's, and a mark lies on the same one in both."""
+    state = START | {"gsd": gsd, "tx": 60.0, "ty": -60.0, "wx": -60.0, "wy": 60.0}
+    found = places.seek(places.LessonGround(places.teaching_flight), state)
+    assert found.template is not None
+    view = seen(**state)
+    for name, mark, place in (
+        ("scan", middle(view, "scan", "estimate", "template"), found.template.place[0]),
+        ("ortho", middle(view, "ortho", "second", "window"), found.centre[0]),
+    ):
+        shown = canvas(view, name).picture
+        assert shown is not None
+        coded = np.frombuffer(b64decode(shown.address.partition(",")[2]), np.uint8)
+        rows, columns = cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE).shape
+        west, south, east, north = shown.window
+        assert shown.window == canvas(view, name).window
+        assert ((east - west) / columns, (north - south) / rows) == pytest.approx((gsd, gsd))
+        pixel = [(mark[0] - west) / gsd, (north - mark[1]) / gsd]
+        assert pixel == pytest.approx(place, abs=1e-6)
+
+
+def make_for_ever(folder: Path, _: object) -> None:
+    (folder / "half.tif").write_text("half")
+    sys.stdout.write("begun\n")
+    sys.stdout.flush()
+    time.sleep(600)
+
+
+def make_for_ever_in(cache: str) -> int:
+    places.cache_folder = lambda: Path(cache)
+    places.make_block = make_for_ever
+    places.teaching_flight()
+    return 0
+
+
+def make_short(folder: Path, _: object) -> None:
+    (folder / "whole.tif").write_text("whole")
+
+
+def make_on_full_disk(folder: Path, _: object) -> None:
+    (folder / "half.tif").write_text("half")
+    raise OSError(errno.ENOSPC, "No space left on device", str(folder / "half.tif"))
+
+
+def test_nothing_stays_of_a_flight_that_was_not_finished__law(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Forked(make_for_ever_in, str(tmp_path)) as making:
+        assert making.out.readline() == "begun\n"
+        making.kill()
+        making.ended()
+    assert list(tmp_path.rglob("half.tif"))
+    monkeypatch.setattr(places, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(places, "make_block", make_on_full_disk)
+    with pytest.raises(StorageError, match="disk is full"):
+        places.teaching_flight()
+    assert not list(tmp_path.iterdir())
+    monkeypatch.setattr(places, "make_block", make_short)
+    folder = places.teaching_flight()
+    assert [path.relative_to(folder) for path in tmp_path.rglob("*.tif")] == [Path("whole.tif")]
+    monkeypatch.setattr(places, "make_block", make_on_full_disk)
+    assert places.teaching_flight() == folder
+
+
 def test_at_the_rim_nothing_is_read_beyond_the_picture__law() -> None:
     for corner in (-60.0, 60.0):
         for gsd in (0.5, 2.0):
@@ -97,7 +168,7 @@ def test_at_the_rim_nothing_is_read_beyond_the_picture__law() -> None:
 
 
 def test_detected_points_are_in_built_up_land_alone_if_wanted__law() -> None:
-    flight = places.Flight(places.made_once)
+    flight = places.LessonGround(places.teaching_flight)
     count = 0
     for number in range(1, 10):
         state = START | {"way": DETECTOR, "built": 1, "place": number}

@@ -5,8 +5,7 @@ import pytest
 
 from core.literature.common_grid import GridPair
 from core.literature.detectors import detector_named, eight_bits, places_of
-from core.literature.one_window import AT_POINTS, FROM_SCAN, SNAPPED, Way, likeness_in, template_at
-from core.literature.operator_variants import Sizes
+from core.literature.one_window import AT_POINTS, FROM_SCAN, SNAPPED, OperatorSearch, Sizes, Way
 from tests.core.literature.test_operator_variants import SHIFT, SIDE, shifted_pair
 
 SIZES = Sizes(20, 14)
@@ -16,23 +15,20 @@ WAYS: tuple[Way, ...] = ("hand", "d", "dd", "vd", "vdd", "k")
 
 def misses(pair: GridPair, name: str, way: Way, at: tuple[float, float]) -> tuple[float, float]:
     """How far the best and the nearest of what was compared lie from the true place, pixels."""
-    template = template_at(name, way, pair, np.array([at]), SIZES)
+    search = OperatorSearch(name, way, pair, SIZES)
+    template = search.template_at(np.array([at]))
     assert template is not None
     if way not in SNAPPED:
         assert np.abs(template.place - at).max() <= 0.5
-    images = pair.archival, pair.reference
-    own, searched = images if way in FROM_SCAN else images[::-1]
     # The window lies some pixels beside, as a georeference would put it.
     centre = template.place + np.array([3.0, 2.0])
-    likeness = likeness_in(
-        name, way, (own, searched, np.zeros_like(own)), template, centre, sizes=SIZES
-    )
-    assert np.abs(likeness.spots - centre).max() <= SIZES.half + 1
+    likeness = search.likeness(template, centre)
+    assert np.abs(likeness.places - centre).max() <= SIZES.half + 1
     if likeness.surface is not None:
         assert likeness.surface.shape == (29, 29)
         assert likeness.surface.max() == pytest.approx(likeness.scores.max())
     true = template.place + (-SHIFT if way in FROM_SCAN else SHIFT)
-    away = np.linalg.norm(likeness.spots - true, axis=1)
+    away = np.linalg.norm(likeness.places - true, axis=1)
     return float(away[np.argmax(likeness.scores)]), float(away.min())
 
 
@@ -55,10 +51,10 @@ def test_the_shift_is_found_wherever_it_can_be__truth(name: str, way: Way) -> No
 def test_no_point_of_the_given_land_is_no_template__law() -> None:
     nowhere = np.zeros((SIDE, SIDE), bool)
     place = np.array([[120.0, 120.0]])
-    assert template_at("ncc", "k", shifted_pair(), place, SIZES, nowhere) is None
+    assert OperatorSearch("ncc", "k", shifted_pair(), SIZES, nowhere).template_at(place) is None
     land = nowhere.copy()
     land[100:140, 140:180] = True
-    template = template_at("ncc", "k", shifted_pair(), place, SIZES, land)
+    template = OperatorSearch("ncc", "k", shifted_pair(), SIZES, land).template_at(place)
     assert template is not None
     column, row = np.floor(template.place[0]).astype(int)
     assert land[row, column]

@@ -6,7 +6,8 @@ import pytest
 
 from core.literature.common_grid import GridPair
 from core.literature.detectors import detector_named, eight_bits, places_of
-from core.literature.operator_variants import Sizes, paired
+from core.literature.one_window import Sizes
+from core.literature.operator_variants import paired
 from core.raster.grid import Grid
 
 SIDE, SHIFT = 240, np.array([4, -3])
@@ -72,10 +73,13 @@ def test_surf_finds_what_it_detected_in_the_ortho_again__truth(shifted: GridPair
 def test_nothing_is_detected_outside_the_given_land__law(shifted: GridPair) -> None:
     land = np.zeros((SIDE, SIDE), bool)
     land[60:180, 70:150] = True
-    for variant, side in (("sift-dd", 0), ("ncc-k", 1)):
-        pairs = paired(variant, shifted, np.zeros((0, 2)), SIZES, land)
-        everywhere = paired(variant, shifted, np.zeros((0, 2)), SIZES)
+    line = np.arange(40, SIDE - 40, 20) + 0.5
+    junctions = np.stack(np.meshgrid(line, line), axis=2).reshape(-1, 2)
+    sides = {"sift-d": 0, "sift-dd": 0, "ncc-k": 1, "sift-vdd": 0, "orb-vdd": 0, "surf-vdd": 0}
+    for variant, side in sides.items():
+        pairs = paired(variant, shifted, junctions, SIZES, land)
+        everywhere = paired(variant, shifted, junctions, SIZES)
         assert 0 < len(pairs) < len(everywhere)
         columns, rows = pairs[:, side].astype(int).T
         assert land[rows, columns].all()
-        assert not len(paired(variant, shifted, np.zeros((0, 2)), SIZES, np.zeros_like(land)))
+        assert not len(paired(variant, shifted, junctions, SIZES, np.zeros_like(land)))
