@@ -96,7 +96,7 @@ class ShownJunction:
 
     @property
     def frame(self) -> Frame:
-        """What the pictures cover, half a pixel more than is reached for, about the junction."""
+        """What the pictures cover about the junction, to the outer edges of their pixels."""
         grid = self.pair.grid
         low, high = self.metres(np.array([[0.0, grid.rows], [grid.columns, 0.0]])).tolist()
         return (low[0], low[1], high[0], high[1])
