@@ -38,6 +38,7 @@ from app.running import Running
 from core.block import Block
 from core.geometry.crs import Bounds
 from core.raster.dem import LevelGround
+from core.raster.grid import Grid
 from ui.review.compare import (
     Drawn,
     DrawnPhoto,
@@ -119,15 +120,22 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     sys.setswitchinterval(SWITCH_S)
     state = first_state(desk)
     lattice = Lattice.over(desk.ortho.bounds, _finest_pixel_m(desk, state))
+    bounds, drawn = _block_bounds(desk, state.oriented), drawn_from_block(state.oriented)
     coarse = CoarseOrtho(desk.ortho)
+    drapes = (partial(relief_glb, desk.dem, bounds, desk.block.origin, desk.terrain),
+              partial(_draped, coarse, desk, bounds))  # fmt: skip
+    illustrator = _Illustrator(coarse, drapes, drawn)
     read, alike, mosaic = desk.read_scan, desk.likeness, desk.mosaic or no_tiles
-    sources = Sources(coarse, desk.dem, read, lattice, alike, coarse.ready, mosaic)
+    sources = Sources(coarse, desk.dem, read, lattice, alike, illustrator.ready, mosaic)
     tiles = TileStore(sources)
     inbox: queue.SimpleQueue[Event] = queue.SimpleQueue()
     access = Access(desk.host, desk.token or secrets.token_urlsafe(24), desk.looking)
-    scene = SceneServer(
-        _extent(desk, state), SEAT_HEADER, lambda seat: inbox.put(SceneOpened(seat))
-    )
+
+    def scene_opened(seat: str) -> None:
+        illustrator.ask()
+        inbox.put(SceneOpened(seat))
+
+    scene = SceneServer(_extent(desk, state), SEAT_HEADER, scene_opened)
     channel = Channel(
         inbox.put,
         lambda seat: inbox.put(SeatTaken(seat)),
@@ -152,14 +160,9 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
                 *sheet_routes(desk.session.folder / FILE, sheets_made), *desk.routes),
     )  # fmt: skip
     front = Front(doors, desk.host, desk.port)
-    bounds = _block_bounds(desk, state.oriented)
     sheets = _Sheets(desk, bounds, tiles)
     loop = ReviewLoop(desk, _screen(front, channel, scene, tiles, sheets=sheets), inbox)
     loop.start()
-    drawn = drawn_from_block(state.oriented)
-    drapes = (partial(relief_glb, desk.dem, bounds, desk.block.origin, desk.terrain),
-              partial(_draped, coarse, desk, bounds))  # fmt: skip
-    illustrator = _Illustrator(drapes, drawn)
     running = [] if desk.running is None else [desk.running]
     opened = OpenDesk(
         front, [front, illustrator, *running, loop, scene, tiles], leaving, desk.running
@@ -194,12 +197,15 @@ def _draped(
 class _Illustrator:
     """Makes drape and frustums' pictures while the desk is open already: they read large files.
 
-    Until the ortho is read, which takes seconds, the relief without it is the ground.
+    The ortho is read once a scene is opened or a tile needs it whole; until it is read, which
+    takes seconds, the relief without it is the ground.
     """
 
-    def __init__(self, drapes: Sequence[Callable[[], bytes]], drawn: Drawn) -> None:
-        self._drapes, self._drawn = drapes, drawn
-        self._stop = threading.Event()
+    def __init__(
+        self, coarse: CoarseOrtho, drapes: Sequence[Callable[[], bytes]], drawn: Drawn
+    ) -> None:
+        self._coarse, self._drapes, self._drawn = coarse, drapes, drawn
+        self._asked, self._stop = threading.Event(), threading.Event()
         self._threads: list[threading.Thread] = []
 
     def start(self, tiles: TileStore, scene: SceneServer) -> None:
@@ -208,13 +214,28 @@ class _Illustrator:
             self._threads.append(thread)
             thread.start()
 
+    def ask(self) -> None:
+        """Have the ground made, unless it was asked for before."""
+        self._asked.set()
+
+    def ready(self, grid: Grid) -> bool:
+        """Whether a tile of the ortho can be drawn; asks for what it waits for."""
+        found = self._coarse.ready(grid)
+        if not found:
+            self.ask()
+        return found
+
     def close(self) -> None:
         self._stop.set()
+        self._asked.set()
         for thread in self._threads:
             thread.join(timeout=30)
 
     def _lay(self, tiles: TileStore, scene: SceneServer) -> None:
+        self._asked.wait()
         for drape in self._drapes:
+            if self._stop.is_set():
+                return
             survived(lambda _, drape=drape: scene.drape(drape()), scene)
 
     def _picture(self, tiles: TileStore, scene: SceneServer) -> None:

@@ -31,6 +31,14 @@ def told(port: int, path: str, cookie: str) -> dict:
     return found
 
 
+def status(port: int, path: str, cookie: str) -> int:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    connection.request("GET", path, headers={"Cookie": cookie})
+    found = connection.getresponse().status
+    connection.close()
+    return found
+
+
 def test_a_page_is_told_what_it_needs_once__law(inputs):
     with open_desk(inputs) as desk:
         cookie = f"{desk._front.access.cookie}={'t' * 32}"
@@ -52,19 +60,40 @@ def test_a_page_is_told_what_it_needs_once__law(inputs):
     assert start["free"] == [False, True], "cameras that the block holds cannot be freed here"
 
 
-def test_the_scene_has_its_ground_before_the_ortho_is_read__law(inputs, monkeypatch):
-    """It stayed black for seconds."""
-    laid, before, begun = [], [], threading.Event()
+@pytest.fixture
+def laid(monkeypatch):
+    """Grounds of the scene in their order; what stands for reading the ortho adds `read`."""
+    made, begun = [], threading.Event()
 
     def prepared(_):
-        before.extend(laid)
+        made.append(b"read")
         begun.set()
 
     monkeypatch.setattr(CoarseOrtho, "prepare", prepared)
-    monkeypatch.setattr(SceneServer, "drape", lambda _, ground: laid.append(ground))
-    with open_desk(inputs):
+    monkeypatch.setattr(SceneServer, "drape", lambda _, ground: made.append(ground[:4]))
+    return made, begun
+
+
+def test_the_scene_has_its_ground_before_the_ortho_is_read__law(inputs, laid):
+    """It stayed black for seconds."""
+    made, begun = laid
+    with open_desk(inputs) as desk:
+        desk.scene._opened("a")
         assert begun.wait(60)
-    assert [ground[:4] for ground in before] == [b"glTF"]
+    assert made[:2] == [b"glTF", b"read"]
+
+
+def test_the_ortho_is_read_once_a_scene_or_a_coarse_tile_needs_it__law(inputs, laid):
+    """Every desk began by reading it whole."""
+    made, begun = laid
+    with open_desk(inputs) as desk:
+        cookie = f"{desk._front.access.cookie}={'t' * 32}"
+        assert status(desk.port, "/tiles/ortho/0/1/1", cookie) == 200
+        assert not begun.wait(1)
+        assert made == []
+        last = told(desk.port, "/start", cookie)["lattice"]["levels"] - 1
+        assert status(desk.port, f"/tiles/ortho/{last}/0/0", cookie) == 503
+        assert begun.wait(60)
 
 
 def test_a_port_that_is_taken_is_told_with_the_remedy__law(inputs, tmp_path):
