@@ -80,6 +80,7 @@ def read_lesson(path: Path) -> Lesson:
         ValueError,
         LookupError,
         ArithmeticError,
+        RuntimeError,
     ) as error:
         raise LessonError(path, say("does not work: {why}.", why=str(error)), REMEDY) from error
     return cast("Lesson", lesson)
@@ -117,10 +118,18 @@ class Teacher:
         """What a lesson shows in a state.
 
         Raises:
-            LessonError: No such lesson, or a state that its sliders cannot have.
+            LessonError: No such lesson, a state that its sliders cannot have, or one that has no
+            picture.
         """
         lesson = self._lesson(name)
-        return plain(shown(lesson.view(state_of(lesson, values)), truth))
+        state = state_of(lesson, values)
+        try:
+            seen = lesson.view(state)
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            raise LessonError(
+                name, "shows nothing with these values.", "Move the slider back."
+            ) from error
+        return plain(shown(seen, truth))
 
     def question(self, name: str, which: int, seed: int) -> dict[str, Any]:
         """A question with its numbers.

@@ -17,6 +17,8 @@ GRID = np.linspace(-0.9 * HALF_MM, 0.9 * HALF_MM, 7)
 def moves_um(radius_mm: Scalars, state: sheet.State) -> tuple[Scalars, Scalars, Scalars]:
     """Refraction and lens outwards, curvature inwards, micrometres."""
     above = state["H"] - state["h"]
+    if above <= 0:
+        raise ArithmeticError("an aircraft below the ground takes no photo")
     refraction = refraction_um(radius_mm, state["c"], refraction_constant(state["H"], state["h"]))
     k1 = state["lens"] / 1000 / 100.0**3
     lens = radius_mm * (radial_factor(radius_mm**2, camera_with(state["c"], k1)) - 1) * 1000
@@ -87,7 +89,7 @@ LESSON = sheet.Lesson(
     "corrections",
     "b",
     (
-        sheet.Slider("H", 600, 12000, 4500, 100, "m"),
+        sheet.Slider("H", 600, 16000, 4500, 100, "m"),
         sheet.Slider("h", 0, 2000, 300, 50, "m"),
         sheet.Slider("c", 85, 310, 152, 1, "mm", "c"),
         sheet.Slider("r", 0, 160, 130, 1, "mm", "r"),

@@ -19,6 +19,8 @@ LIFTS_M = np.array([0, 60, -30, 20, 40, -50, 10, -20], dtype=np.float64)
 MOST = len(PLACES)
 LOOSE = ExteriorPrior(np.full(3, 500.0), np.full(3, 0.5))
 TRUTH = vertical_at(0.0, ABOVE_M)
+UNCHECKED = 1e-4
+"""Less redundancy than this is what rounding leaves of nought."""
 TIMES = 5.0
 """Arrows are so many times as long as what they show, at 15 um a pixel."""
 
@@ -29,7 +31,7 @@ def block_of(state: sheet.State) -> Block:
     spots = np.array([(state["x1"], state["y1"]), *PLACES[1:]], dtype=np.float64)[:count]
     ground = object_from_film(spots, LIFTS_M[:count], TRUTH, model.camera)
     rng = np.random.default_rng(int(state["seed"]))
-    sigma = max(state["sigma"], 0.05)
+    sigma = state["sigma"]
     pixels = model.pixels(ground, TRUTH) + rng.normal(0, sigma, (MOST, 2))[:count]
     wrong = min(int(state["which"]), count) - 1
     pixels[wrong, 0] += state["error"]
@@ -76,14 +78,12 @@ def view(state: sheet.State) -> sheet.View:
     key = (f"{min(int(state['which']), count)}", "photo")
     redundancy = report.redundancy_numbers.get(key, 0.0)
     residual = float(np.hypot(*report.residuals_px[key]))
-    sigma = max(state["sigma"], 0.05)
+    sigma = state["sigma"]
     exterior = report.block.photos["photo"].exterior
     moved = float(np.linalg.norm(exterior.centre - TRUTH.centre))
-    least = NONCENTRALITY * sigma / np.sqrt(max(redundancy, 1e-3))
     figures = {
         "residual": sheet.Number(residual, 2, "px"),
         "redundancy": sheet.Number(redundancy, 2),
-        "least": sheet.Number(least, 1, "px"),
         "sigma_nought": sheet.Number(report.sigma_nought, 2, "", 1.0),
         "moved": sheet.Number(moved, 2, "m"),
         "left_out": sheet.Number(len(report.rejected), 0),
@@ -93,11 +93,14 @@ def view(state: sheet.State) -> sheet.View:
     plot = sheet.Plot("error", "residual", (line,), (state["error"], residual))
     symbols = {
         "r": sheet.Number(report.redundancy, 0),
-        "n": sheet.Number(count, 0),
-        "∇": sheet.Number(least, 1, "px"),
+        "n": sheet.Number(count - len(report.rejected), 0),
         "δ": sheet.Number(NONCENTRALITY, 2),
         "r_i": sheet.Number(redundancy, 2),
     }
+    # Of a measurement that nothing controls no error is found, however large.
+    if redundancy > UNCHECKED:
+        least = sheet.Number(NONCENTRALITY * sigma / float(np.sqrt(redundancy)), 1, "px")
+        figures["least"] = symbols["∇"] = least
     return sheet.View(figures, (drawing(state, report),), symbols, plot)
 
 
@@ -129,7 +132,7 @@ def drawing(state: sheet.State, report: AdjustmentReport) -> sheet.Canvas:
 
 def ask(rng: np.random.Generator) -> sheet.Asked:
     """What is seen of an error."""
-    state = dict(LESSON.start) | {"error": 0.0, "sigma": 0.05, "count": float(rng.integers(4, 9))}
+    state = dict(LESSON.start) | {"error": 0.0, "sigma": 0.1, "count": float(rng.integers(4, 9))}
     error = float(rng.integers(10, 31))
     share = adjusted(state).redundancy_numbers["1", "photo"]
     return sheet.Asked({"error": error, "r": round(share, 2)}, round(share, 2) * error)
@@ -141,10 +144,10 @@ LESSON = sheet.Lesson(
     (
         sheet.Slider("x1", -105, 105, -80, 1, "mm", moved_in="film"),
         sheet.Slider("y1", -105, 105, 75, 1, "mm", moved_in="film"),
-        sheet.Slider("count", 3, 8, 6, 1, "", "n"),
+        sheet.Slider("count", 3, 8, 6, 1),
         sheet.Slider("which", 1, 8, 1, 1),
         sheet.Slider("error", -40, 40, 15, 0.5, "px"),
-        sheet.Slider("sigma", 0, 5, 1, 0.1, "px", "σ"),
+        sheet.Slider("sigma", 0.1, 5, 1, 0.1, "px", "σ"),
         sheet.Slider("snoop", 0, 1, 0, 1),
         sheet.SEED,
     ),

@@ -34,10 +34,22 @@ def resected(model: PhotoModel, points: ObjectPoints, pixels: PixelPoints) -> Ex
     return exterior
 
 
+def spread(model: PhotoModel, points: ObjectPoints, measured: np.ndarray) -> Matrix:
+    """Errors in plan (m) of photos that were measured anew; none of those that go astray."""
+    found: list[Matrix] = []
+    for pixels in measured:
+        try:
+            found.append(difference(resected(model, points, pixels), TRUTH)[:2])
+        except np.linalg.LinAlgError:
+            # Where the points hardly fix the photo, a step may lead to where nothing is seen.
+            continue
+    return np.array(found).reshape(-1, 2)
+
+
 def covariance_of(model: PhotoModel, points: ObjectPoints, sigma_px: float) -> Matrix:
     """Of X, Y, Z (m), omega, phi, kappa (rad); NaN where the points do not fix the photo."""
     design = model.linearised(points, TRUTH)[1].reshape(-1, 6)
-    unit = 1 / np.linalg.norm(design, axis=0)
+    unit = 1 / np.maximum(np.linalg.norm(design, axis=0), SINGULAR)
     left = np.linalg.svd(design * unit, full_matrices=False)
     if left[1][-1] ** 2 < SINGULAR * left[1][0] ** 2:
         return np.full((6, 6), np.nan)
@@ -56,11 +68,7 @@ def view(state: sheet.State) -> sheet.View:
     rng = np.random.default_rng(int(state["seed"]))
     exact = model.pixels(points, TRUTH)
     fixed = bool(np.isfinite(covariance).all())
-    draws = [
-        difference(resected(model, points, exact + rng.normal(0, sigma, exact.shape)), TRUTH)
-        for _ in range(DRAWS * fixed)
-    ]
-    spots = np.array(draws).reshape(-1, 6)[:, :2]
+    spots = spread(model, points, exact + rng.normal(0, sigma, (DRAWS * fixed, *exact.shape)))
     corners = object_from_film(np.array(sheet.frame_of(HALF_MM)), np.zeros(4), TRUTH, model.camera)
     ground_pixel = PIXEL_MM / C_MM * ABOVE_M
     slopes = model.linearised(corners, TRUTH)[1] * ground_pixel

@@ -53,7 +53,7 @@ def view(state: sheet.State) -> sheet.View:
     exact, marks = seen((0.0, 0.0, height), rays), seen((0.0, 0.0, mark), rays)
     measured = exact + rng.normal(0, state["noise"] / 1000, (2, 2))
     found = height_from(measured, rays, sigma)
-    sigma_z = float(np.sqrt(found.covariance[2, 2]))
+    middle = sigma_height(base, above, c, sigma)
     parallax = float(measured[0, 0] - measured[1, 0])
     split = 1000 * (float(marks[0, 0] - marks[1, 0]) - parallax)
     bases = np.geomspace(0.1, 1.2, 12) * above
@@ -61,13 +61,12 @@ def view(state: sheet.State) -> sheet.View:
         "parallax": sheet.Number(parallax, 3, "mm"),
         "split": sheet.Number(split, 0, "µm"),
         "height": sheet.Number(float(found.position[2]), 2, "m", height, secret=True),
-        "sigma_z": sheet.Number(sigma_z, 2, "m"),
+        "sigma_z": sheet.Number(middle, 2, "m"),
         "ratio": sheet.Number(base / above, 2),
     }
     curve = sheet.curve(
         "sigma_z", bases / above, [sigma_height(float(one), above, c, sigma) for one in bases]
     )
-    middle = sigma_height(base, above, c, sigma)
     plot = sheet.Plot("ratio", "sigma_z", (curve,), (base / above, middle))
     symbols = {
         "σ_Z": sheet.Number(middle, 2, "m"),

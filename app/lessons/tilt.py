@@ -143,7 +143,7 @@ LESSON = sheet.Lesson(
     "tilt",
     "c",
     (
-        sheet.Slider("t", 0, 50, 20, 0.5, "°", "t"),
+        sheet.Slider("t", 0, 60, 20, 0.5, "°", "t"),
         sheet.Slider("direction", 0, 355, 0, 5, "°"),
         sheet.Slider("c", 85, 310, 152, 1, "mm", "c"),
     ),

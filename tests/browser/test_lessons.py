@@ -9,9 +9,6 @@ from app.teaching import Teacher, find_lessons, open_teaching, state_of
 from tests.app.lessons.test_textbook import CHECKS
 
 READY = "#figures b"
-SHOWN = """name => [...document.querySelectorAll(name === "sigma_z"
-  // The lesson's point lies above the datum; what is printed of heights is of the datum.
-  ? "#formulas .equation:first-child mtext" : `[data-figure="${name}"] b`)].at(-1).textContent"""
 pytestmark = pytest.mark.usefixtures("teaching_cache")
 LESSONS = find_lessons()
 
@@ -102,11 +99,11 @@ def test_the_number_on_screen_is_that_of_engine_and_print__paper(learn, lessons,
     for state, figure, printed, tolerance, source in (row for own, *row in CHECKS if own == name):
         page.goto(f"{lessons.url}&{urlencode({'lesson': name} | state)}")
         page.wait_for_selector(READY)
-        text = page.evaluate(SHOWN, figure)
+        text = page.locator(f'[data-figure="{figure}"] b').text_content()
         number, decimals = re.match(r"([\u2212\d\u202f]+)(?:\.(\d+))?", text).groups()
         said = number.replace("\u2212", "-").replace("\u202f", "") + f".{decimals or 0}"
         view = LESSONS[name].view(state_of(LESSONS[name], state))
-        engine = (view.symbols["σ_Z"] if figure == "sigma_z" else view.figures[figure]).value
+        engine = view.figures[figure].value
         half = 0.5 * 10.0 ** -len(decimals or "")
         assert float(said) == pytest.approx(engine, abs=1.001 * half), source
         assert float(said) == pytest.approx(printed, abs=tolerance + half), source

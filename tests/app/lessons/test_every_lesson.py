@@ -5,6 +5,7 @@ import pytest
 
 from app.lessons import sheet, space
 from app.lessons.photo import camera_with, photo_model, tilted_at, vertical_at
+from app.lessons.sheet import LessonError
 from app.teaching import Teacher, find_lessons, plain, state_of
 from core.geometry.collinearity import film_from_object, object_from_film, refraction_constant
 from core.geometry.image_corrections import (
@@ -276,7 +277,7 @@ def test_three_points_on_the_dangerous_cylinder_fix_nothing__law() -> None:
 
 def test_an_error_on_one_of_three_points_shows_nowhere__law() -> None:
     """Three points leave no redundancy: the residual is nought, and the camera has moved."""
-    state = {"count": 3, "error": 30, "sigma": 0.05}
+    state = {"count": 3, "error": 30, "sigma": 0.1}
     assert figure("least_squares", "residual", **state) < 0.05
     assert figure("least_squares", "moved", **state) > 1.0
 
@@ -361,3 +362,28 @@ def test_unchanged_ground_is_found_by_all_and_changed_ground_by_edges__truth() -
 
     assert all(hits(operator, 0) == 9 for operator in range(1, 6))
     assert hits(3, 100) > hits(1, 100)
+
+
+def test_a_photo_below_the_ground_is_refused_in_words__law() -> None:
+    teacher = Teacher(LESSONS)
+    with pytest.raises(LessonError, match="shows nothing with these values"):
+        teacher.view("corrections", {"H": 1000, "h": 1500}, truth=False)
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_points_that_fix_no_photo_are_shown_as_such__law(seed: int) -> None:
+    """Three points on a circle with the nadir, hardly fixed; and four at the nadir, not at all."""
+    lesson = LESSONS["resection"]
+    circle = {"x1": 590, "y1": 490, "x2": 30, "y2": -170, "x3": 750, "y3": -430}
+    view = lesson.view(lesson.start | circle | {"fourth": 0, "relief": 0, "seed": seed})
+    assert not view.figures["sigma_x"].value < 100
+    together = {f"{axis}{number}": 0.0 for axis in "xy" for number in range(1, 5)}
+    view = lesson.view(lesson.start | together | {"relief": 0, "seed": seed})
+    assert np.isnan(view.figures["sigma_x"].value)
+
+
+def test_no_error_is_found_where_nothing_controls_it__law() -> None:
+    """Three points and six unknowns: no redundancy, so however large an error is, it hides."""
+    lesson = LESSONS["least_squares"]
+    assert "least" not in lesson.view(lesson.start | {"count": 3}).figures
+    assert lesson.view(lesson.start).figures["least"].value > 0

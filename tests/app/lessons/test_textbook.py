@@ -118,9 +118,7 @@ def test_a_lesson_shows_what_is_printed__paper(
 ) -> None:
     lesson = LESSONS[name]
     view = lesson.view(state_of(lesson, state))
-    # The lesson's point lies above the datum; what is printed of heights is of the datum.
-    shown = view.symbols["σ_Z"] if figure == "sigma_z" else view.figures[figure]
-    assert shown.value == pytest.approx(printed, abs=tolerance), source
+    assert view.figures[figure].value == pytest.approx(printed, abs=tolerance), source
 
 
 def test_there_are_forty_checks_with_a_source__law() -> None:
