@@ -183,7 +183,10 @@ def add_check(verb: Parser) -> None:
 
 def add_teach(verb: Parser) -> None:
     """Arguments of `teach`; `--block` is an earlier form, which is understood and not told."""
-    where = "a block with truth, for its places and for an experiment (gruber-demo)"
+    where = (
+        "a block with known truth: lessons show its places, the experiment is done on it "
+        "(gruber-demo)"
+    )
     verb.add_argument("block", type=Path, nargs="?", default=None, metavar="BLOCK", help=where)
     verb.add_option("--block FOLDER", argparse.SUPPRESS, type=Path, dest="earlier")
     verb.add_option("--lesson NAME", "the lesson to begin with", default="")

@@ -3,7 +3,9 @@
 import multiprocessing
 import os
 import sys
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -67,12 +69,25 @@ class Forked:
         """`kill -9`."""
         self._process.kill()
 
-    def ended(self) -> Told:
-        """What it said and how it ended: minus the signal where one killed it."""
-        out, err = self.out.read(), self.err.read()
-        self._process.join()
+    def ended(self, within_s: float = 600.0) -> Told:
+        """What it said and how it ended: minus the signal where one killed it.
+
+        Raises:
+            TimeoutError: It had not ended in that time; it is killed.
+        """
+        late = threading.Timer(within_s, self.kill)
+        # Both pipes at once: who fills the one that is not read waits for ever.
+        with ThreadPoolExecutor(1) as beside:
+            late.start()
+            err = beside.submit(self.err.read)
+            out = self.out.read()
+            self._process.join()
+        in_time = late.is_alive()
+        late.cancel()
+        if not in_time:
+            raise TimeoutError(f"not ended in {within_s:.0f} s\n{out}\n{err.result()}")
         assert self._process.exitcode is not None
-        return Told(self._process.exitcode, out, err)
+        return Told(self._process.exitcode, out, err.result())
 
 
 def _speaking(

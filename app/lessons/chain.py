@@ -6,60 +6,35 @@ import numpy as np
 
 from app.lessons import chain_flight as flown
 from app.lessons import sheet
-from app.lessons.chain_flight import CAMERA, DEM, MARKS, PATCH_M, REACH_M, Found, Given
+from app.lessons.chain_flight import CAMERA, DEM, MARKS, PATCH_M, REACH_M, FollowedPoint, Given
 from app.lessons.flight import C_MM, SCALE
 from app.lessons.photo import HALF_MM, PIXEL_MM
-from core.adjustment.adjusted import AdjustmentReport
-from core.arrays import Matrix, ObjectPoints, PixelPoints
-from core.block import Photo, footprint
+from core.arrays import Matrix, Position
+from core.block import footprint
 from core.doubts import Failure
 from core.geometry.collinearity import EARTH_RADIUS_M
-from core.geometry.image_corrections import Shift, relief_displacement_mm, shifts_at
+from core.geometry.image_corrections import ImageShift, ground_displacement_m, shifts_at
 from core.geometry.intersection import OrientedRay, intersect, ray_directions
 from core.geometry.resection import PhotoModel
+from core.literature.common_grid import grid_about
 from core.matching.patches import object_on_ground
 from core.matching.peaks import level_and_spread
 
-TIMES, MM_TIMES = 4000.0, 1500.0
-"""Residuals of marks, and corrections, are drawn so many times their size on the film."""
+# design: so many times their size, the longest arrows are some centimetres of the film or ground.
+TIMES, MM_TIMES, GROUND_TIMES = 4000.0, 1500.0, 600.0
+"""Magnification of residuals of marks, of corrections, and of errors in the block."""
+# design: half a side of the block's map beyond its crossroads, so that whole photos are seen.
+MAP_RIM_M = 2000.0
+# design: 20 m on the ground; the search's rough place is seen beside the true one.
+CLOSE_PX = 90.0
+"""Half of a window of the raw scan."""
+# design: two pixels of the scan, as orthos of old films have; a crossroads with its fields.
+ORTHO_M, ORTHO_HALF_PX = 0.5, 90
+"""Pixel of the ortho about the point, and half its side."""
 Part = tuple[
     tuple[sheet.Canvas, ...], dict[str, sheet.Number], dict[str, sheet.Number], sheet.Equation
 ]
 """Drawings, figures, values of symbols, and the formula of one step."""
-
-
-class Followed:
-    """The point, the photo it is followed in, and what the engine found, as far as it is asked."""
-
-    def __init__(self, state: sheet.State) -> None:
-        self.given = Given(state["changed"] / 100, int(state["seed"]))
-        self.point = int(state["point"]) - 1
-        self.names = flown.photos_of(self.point, self.given)
-        self.name = self.names[0]
-        self.true = flown.true_flight(self.given).photos[self.name]
-        self.rough = flown.approximate(self.given)[self.name]
-        self.place: ObjectPoints = flown.true_place(self.point, self.given)
-        self.true_pixel: PixelPoints = self.true.pixel_from_object(self.place, CAMERA)
-
-    @property
-    def found(self) -> Found:
-        """The search in its photo."""
-        return flown.searched(self.point, self.name, self.given)
-
-    @property
-    def report(self) -> AdjustmentReport:
-        """The adjusted block."""
-        return flown.adjusted(self.given)
-
-    @property
-    def photo(self) -> Photo:
-        """Its photo as it was adjusted."""
-        return self.report.block.photos[self.name]
-
-    def miss_px(self, name: str) -> float:
-        """How far the search in a photo ended from the truth, pixels."""
-        true = flown.true_flight(self.given).photos[name].pixel_from_object(self.place, CAMERA)
-        return float(np.hypot(*(flown.searched(self.point, name, self.given).pixel - true)[0]))
 
 
 def number(value: float, digits: int, unit: str = "", truth: float | None = None) -> sheet.Number:
@@ -78,30 +53,31 @@ def raster(
     return sheet.Canvas(name, window, marks, unit, picture=sheet.picture(gray, window))
 
 
-def scan(f: Followed) -> Part:
+def scan(point: FollowedPoint) -> Part:
     """The scan with its fiducials, and one of them from near."""
-    side = f.true.size_px[0]
+    side = point.true.size_px[0]
     middle = np.full((1, 2), side / 2)
     half = side / 2
-    whole = flown.scan_values(f.true, flown.pixels_about(middle, half, 150), f.given).reshape(
-        150, 150
-    )
-    marks = flown.measured_marks(f.name, f.given.seed)
-    corner, gray = flown.mark_window(f.true, "1", f.given.seed)
+    whole = flown.scan_values(
+        point.true, flown.pixels_about(middle, half, 150), point.given
+    ).reshape(150, 150)
+    marks = flown.measure_marks(point.name, point.given.seed)
+    corner, gray = flown.mark_window(point.true, "1", point.given.seed)
     near = np.array([corner]) + gray.shape[0] / 2
     half_near = gray.shape[0] / 2
-    true = f.true.interior.pixel_from_film(np.array([MARKS["1"]]))
-    exact = flown.seen_from(near, true)
+    true = point.true.interior.pixel_from_film(np.array([MARKS["1"]]))
+    exact = flown.offsets_from(near, true)
     canvases = (
         raster(
             "scan", whole, (-half, -half, half, half),
-            sheet.shape("crosses", flown.seen_from(middle, marks), "bad"),
-            sheet.shape("dots", flown.seen_from(middle, f.true_pixel), "bad", "point"), unit="px",
+            sheet.shape("crosses", flown.offsets_from(middle, marks), "bad"),
+            sheet.shape("dots", flown.offsets_from(middle, point.true_pixel), "bad", "point"),
+            unit="px",
         ),
         raster(
             "mark", gray, (-half_near, -half_near, half_near, half_near),
             sheet.shape("line", sheet.ellipse(exact[0], 4 * np.eye(2)), "truth"),
-            sheet.shape("crosses", flown.seen_from(near, marks[:1]), "bad"), unit="px",
+            sheet.shape("crosses", flown.offsets_from(near, marks[:1]), "bad"), unit="px",
         ),
     )  # fmt: skip
     figures = {
@@ -116,11 +92,11 @@ def scan(f: Followed) -> Part:
     return canvases, figures, symbols, sheet.Equation("g", sheet.row("p", "*", "m"))
 
 
-def interior(f: Followed) -> Part:
+def interior(point: FollowedPoint) -> Part:
     """Pixels become millimetres of film."""
-    inner, pixel = f.rough.interior, f.found.pixel
+    inner, pixel = point.rough.interior, point.search.pixel
     film = inner.film_from_pixel(pixel)[0]
-    true = f.true.interior.film_from_pixel(pixel)[0]
+    true = point.true.interior.film_from_pixel(pixel)[0]
     certified = np.array(list(MARKS.values()))
     ends = certified + TIMES * inner.residuals_um / 1000
     arrows = [
@@ -151,23 +127,23 @@ def interior(f: Followed) -> Part:
     return (canvas,), figures, symbols, sheet.Equation("x", right)
 
 
-def outwards_um(shift: Shift, film: Matrix) -> float:
+def outwards_um(shift: ImageShift, film: Matrix) -> float:
     """Length of a shift on the film, negative where it points towards the middle, micrometres."""
     return 1000 * shift.sign(film[None]) * float(np.linalg.norm(shift.film_mm))
 
 
-def corrections(f: Followed) -> Part:
+def corrections(point: FollowedPoint) -> Part:
     """What air, Earth, lens and film did to the image point."""
-    height = f.place[:, 2]
-    film = f.rough.interior.film_from_pixel(f.found.pixel)[0]
+    height = point.place[:, 2]
+    film = point.rough.interior.film_from_pixel(point.search.pixel)[0]
     parts, truth = (
         shifts_at(
-            f.found.pixel,
+            point.search.pixel,
             height,
             PhotoModel(photo.interior, CAMERA, photo.atmosphere),
             photo.exterior,
         )
-        for photo in (f.rough, f.true)
+        for photo in (point.rough, point.true)
     )
     looks: dict[str, sheet.Look] = {
         "refraction": "estimate", "curvature": "bad", "distortion": "second", "film": "ray",
@@ -191,7 +167,7 @@ def corrections(f: Followed) -> Part:
         name: number(outwards_um(part, film), 2, "µm", outwards_um(truth[name], film))
         for name, part in parts.items()
     }
-    above = float(f.rough.exterior.centre[2] - height[0])
+    above = float(point.rough.exterior.centre[2] - height[0])
     symbols = {
         "Δr_e": figures["curvature"], "H_g": number(above, 0, "m"),
         "r": number(float(np.hypot(*film)), 1, "mm"), "c": number(C_MM, 0, "mm"),
@@ -207,11 +183,11 @@ def corrections(f: Followed) -> Part:
     return (canvas,), figures, symbols, sheet.Equation("Δr_e", right)
 
 
-def search(f: Followed) -> Part:
+def search(point: FollowedPoint) -> Part:
     """The ortho of today, and how alike the old scan is wherever it is laid."""
-    found, half = f.found, PATCH_M + 0.5
+    found, half = point.search, PATCH_M + 0.5
     best = found.peaks[0]
-    true = object_on_ground(f.rough, CAMERA, f.true_pixel, DEM)[0, :2] - f.place[0, :2]
+    true = object_on_ground(point.rough, CAMERA, point.true_pixel, DEM)[0, :2] - point.place[0, :2]
     spots = np.array([[p.column - REACH_M, REACH_M - p.row] for p in found.peaks])
     wide = REACH_M + 0.5
     canvases = (
@@ -238,16 +214,22 @@ def search(f: Followed) -> Part:
     return canvases, figures, symbols, sheet.Equation("z", right)
 
 
-def control(f: Followed) -> Part:
+def control(point: FollowedPoint) -> Part:
     """The place in the raw scan: expected, found, true."""
-    found = f.found
-    half, count = 90.0, 121
-    values = flown.scan_values(f.true, flown.pixels_about(found.pixel, half, count), f.given)
-    near = {"expected": found.expected, "measured": found.pixel, "truth": f.true_pixel}
+    found = point.search
+    half, count = CLOSE_PX, 121
+    values = flown.scan_values(
+        point.true, flown.pixels_about(found.pixel, half, count), point.given
+    )
+    near = {"expected": found.expected, "measured": found.pixel, "truth": point.true_pixel}
     looks: dict[str, sheet.Look] = {"expected": "estimate", "measured": "bad", "truth": "truth"}
     marks = [
         sheet.shape(
-            "crosses", flown.seen_from(found.pixel, pixel), looks[name], name, below=name == "truth"
+            "crosses",
+            flown.offsets_from(found.pixel, pixel),
+            looks[name],
+            name,
+            below=name == "truth",
         )
         for name, pixel in near.items()
     ]
@@ -256,8 +238,8 @@ def control(f: Followed) -> Part:
     )
     off = (found.pixel - found.expected)[0]
     figures = {
-        "column": number(found.pixel[0, 0], 1, "px", f.true_pixel[0, 0]),
-        "row": number(found.pixel[0, 1], 1, "px", f.true_pixel[0, 1]),
+        "column": number(found.pixel[0, 0], 1, "px", point.true_pixel[0, 0]),
+        "row": number(found.pixel[0, 1], 1, "px", point.true_pixel[0, 1]),
         "sigma_px": number(found.sigma_px, 2, "px"),
     }
     symbols = {
@@ -268,24 +250,27 @@ def control(f: Followed) -> Part:
     return (canvas,), figures, symbols, sheet.Equation("d", right)
 
 
-def neighbours(f: Followed) -> Part:
+def neighbours(point: FollowedPoint) -> Part:
     """The same ground in two photos, and where their rays meet."""
-    names = f.names[:2]
-    half, count = 90.0, 91
+    names = point.names[:2]
+    half, count = CLOSE_PX, 91
     canvases: list[sheet.Canvas] = []
     rays, films, sigmas = list[OrientedRay](), list[Matrix](), list[float]()
     for place, name in enumerate(names):
-        found, photo = flown.searched(f.point, name, f.given), f.report.block.photos[name]
-        true = flown.true_flight(f.given).photos[name]
-        values = flown.scan_values(true, flown.pixels_about(found.pixel, half, count), f.given)
-        exact = true.pixel_from_object(f.place, CAMERA)
+        found, photo = (
+            flown.search_point(point.number, name, point.given),
+            point.report.block.photos[name],
+        )
+        true = flown.true_flight(point.given).photos[name]
+        values = flown.scan_values(true, flown.pixels_about(found.pixel, half, count), point.given)
+        exact = true.pixel_from_object(point.place, CAMERA)
         canvases.append(
             raster(
                 ("first", "second")[place], values.reshape(count, count),
                 (-half, -half, half, half),
                 sheet.shape("crosses", [(0, 0)], "bad", "measured"),
                 sheet.shape(
-                    "crosses", flown.seen_from(found.pixel, exact), "truth", "truth", below=True
+                    "crosses", flown.offsets_from(found.pixel, exact), "truth", "truth", below=True
                 ), unit="px",
             )
         )  # fmt: skip
@@ -295,11 +280,11 @@ def neighbours(f: Followed) -> Part:
     met = intersect(np.vstack(films), np.array(sigmas), rays)
     centres = [ray.exterior.centre for ray in rays]
     base = float(np.hypot(*(centres[1] - centres[0])[:2]))
-    above = float(centres[0][2] - f.place[0, 2])
+    above = float(centres[0][2] - point.place[0, 2])
     sigma = float(np.linalg.norm(sigmas))
     figures = {"base": number(base, 0, "m")}
     if not isinstance(met, Failure):
-        figures["height"] = number(met.position[2], 2, "m", f.place[0, 2])
+        figures["height"] = number(met.position[2], 2, "m", point.place[0, 2])
         figures["sigma_height"] = number(float(np.sqrt(met.covariance[2, 2])), 2, "m")
     symbols = {
         "H_g": number(above, 0, "m"), "B": number(base, 0, "m"), "c": number(C_MM, 0, "mm"),
@@ -309,41 +294,42 @@ def neighbours(f: Followed) -> Part:
     return tuple(canvases), figures, symbols, sheet.Equation("σ_Z", right)
 
 
-def adjustment(f: Followed) -> Part:
+def adjustment(point: FollowedPoint) -> Part:
     """The block: what is left at the point, and its error ellipse."""
-    report = f.report
+    report = point.report
     frames = [
         sheet.shape("line", np.array(footprint(p, CAMERA).exterior.coords), "faint")
         for p in report.block.photos.values()
     ]
-    times = 600.0
     rings = [
-        sheet.shape("line", sheet.ellipse(place[:2], np.diag(sigma[:2] ** 2), times), "error")
+        sheet.shape(
+            "line", sheet.ellipse(place[:2], np.diag(sigma[:2] ** 2), GROUND_TIMES), "error"
+        )
         for name, place in report.surveyed_positions.items()
         for sigma in [report.surveyed_sigmas_m[name]]
         if np.isfinite(sigma[:2]).all()
     ]
     known = flown.junctions()
-    key, place = str(f.point), report.surveyed_positions[str(f.point)]
-    off = place[:2] - f.place[0, :2]
-    residual = report.residuals_px.get((key, f.name), (np.nan, np.nan))
-    low, high = known.min(axis=0) - 2000, known.max(axis=0) + 2000
+    key, place = str(point.number), report.surveyed_positions[str(point.number)]
+    off = place[:2] - point.place[0, :2]
+    low, high = known.min(axis=0) - MAP_RIM_M, known.max(axis=0) + MAP_RIM_M
     canvas = sheet.Canvas(
         "block", (float(low[0]), float(low[1]), float(high[0]), float(high[1])),
         (
             *frames, sheet.shape("crosses", known, "given"), *rings,
-            sheet.shape("arrow", [f.place[0, :2], f.place[0, :2] + times * off], "truth"),
-            sheet.shape("dots", f.place[:, :2], "bad", "point"),
+            sheet.shape("arrow", point.place[:, :2] + np.outer([0.0, GROUND_TIMES], off), "truth"),
+            sheet.shape("dots", point.place[:, :2], "bad", "point"),
         ),
     )  # fmt: skip
-    centre = f.photo.exterior.centre
+    centre = point.photo.exterior.centre
     figures = {
-        "residual": number(np.nan_to_num(float(np.hypot(*residual))), 2, "px"),
-        "adjusted_east": number(place[0], 2, "m", f.place[0, 0]),
-        "adjusted_north": number(place[1], 2, "m", f.place[0, 1]),
+        "adjusted_east": number(place[0], 2, "m", point.place[0, 0]),
+        "adjusted_north": number(place[1], 2, "m", point.place[0, 1]),
         "sigma_plan": number(float(np.hypot(*report.surveyed_sigmas_m[key][:2])), 2, "m"),
-        "centre_height": number(centre[2], 2, "m", f.true.exterior.centre[2]),
+        "centre_height": number(centre[2], 2, "m", point.true.exterior.centre[2]),
     }
+    if point.residual_px is not None:
+        figures["residual"] = number(point.residual_px, 2, "px")
     symbols = {
         "σ_0": number(report.sigma_nought, 3),
         "Ω": number(report.sigma_nought**2 * report.redundancy, 1),
@@ -352,11 +338,11 @@ def adjustment(f: Followed) -> Part:
     return (canvas,), figures, symbols, sheet.Equation("σ_0", sheet.root(sheet.over("Ω", "r")))
 
 
-def ray(f: Followed) -> Part:
+def ray(point: FollowedPoint) -> Part:
     """From the pixel down to the DEM."""
-    photo = f.photo
-    ground = object_on_ground(photo, CAMERA, f.true_pixel, DEM)[0]
-    film = photo.interior.film_from_pixel(f.true_pixel)
+    photo = point.photo
+    ground = object_on_ground(photo, CAMERA, point.true_pixel, DEM)[0]
+    film = photo.interior.film_from_pixel(point.true_pixel)
     direction = ray_directions(film, photo.exterior, CAMERA, photo.atmosphere)[0]
     plan = direction[:2] / max(float(np.hypot(*direction[:2])), 1e-9)
     reach = 60.0
@@ -364,22 +350,22 @@ def ray(f: Followed) -> Part:
     profile = ground[:2] + along[:, None] * plan
     slope = float(direction[2] / max(float(np.hypot(*direction[:2])), 1e-9))
     level = float(ground[2])
-    true = float((f.place[0, :2] - ground[:2]) @ plan)
+    true = float((point.place[0, :2] - ground[:2]) @ plan)
     canvas = sheet.Canvas(
         "section", (-reach, level - 12, reach, level + 30),
         (
             sheet.shape("line", np.column_stack([along, DEM.heights(profile)]), "ground", "dem"),
             sheet.shape("line", [(-reach, level - slope * reach), (0, level)], "ray", "ray"),
             sheet.shape("dots", [(0, level)], "bad", "met"),
-            sheet.shape("crosses", [(true, f.place[0, 2])], "truth", "truth", below=True),
+            sheet.shape("crosses", [(true, point.place[0, 2])], "truth", "truth", below=True),
         ),
         equal=False,
     )  # fmt: skip
     centre = photo.exterior.centre
     figures = {
-        "ground_east": number(ground[0], 2, "m", f.place[0, 0]),
-        "ground_north": number(ground[1], 2, "m", f.place[0, 1]),
-        "ground_height": number(level, 2, "m", f.place[0, 2]),
+        "ground_east": number(ground[0], 2, "m", point.place[0, 0]),
+        "ground_north": number(ground[1], 2, "m", point.place[0, 1]),
+        "ground_height": number(level, 2, "m", point.place[0, 2]),
     }
     symbols = {
         "E": number(ground[0], 2, "m"), "E_0": number(centre[0], 2, "m"),
@@ -391,13 +377,15 @@ def ray(f: Followed) -> Part:
     return (canvas,), figures, symbols, sheet.Equation("E", right)
 
 
-def ortho(f: Followed) -> Part:
+def ortho(point: FollowedPoint) -> Part:
     """The scan laid on the DEM, beside the ground as it truly was."""
-    grid = flown.about(f.place[0, :2], 45.0, 0.5)
-    values = flown.laid_on_dem(f.photo, grid, f.true, f.given)
-    truth = flown.painted(flown.plan_of(grid), f.given.changed, f.given.seed).reshape(values.shape)
-    shown = object_on_ground(f.photo, CAMERA, f.true_pixel, DEM)[:, :2]
-    off, half = shown[0] - f.place[0, :2], grid.columns * 0.25
+    grid = grid_about(point.place[0], ORTHO_HALF_PX, ORTHO_M)
+    values = flown.rectify_scan(point.photo, grid, point.true, point.given)
+    truth = flown.paint_ground(flown.plan_of(grid), point.given.changed, point.given.seed).reshape(
+        values.shape
+    )
+    shown = object_on_ground(point.photo, CAMERA, point.true_pixel, DEM)[:, :2]
+    off, half = shown[0] - point.place[0, :2], grid.columns * ORTHO_M / 2
     window = (-half, -half, half, half)
     canvases = (
         raster(
@@ -406,62 +394,71 @@ def ortho(f: Followed) -> Part:
         ),
         raster("ground", truth, window, sheet.shape("crosses", [(0, 0)], "given")),
     )  # fmt: skip
-    at, exact = grid.grid_from_object(np.vstack([shown, f.place[:, :2]]))
+    at, exact = grid.grid_from_object(np.vstack([shown, point.place[:, :2]]))
     figures = {
         "ortho_column": number(at[0], 1, "px", exact[0]),
         "ortho_row": number(at[1], 1, "px", exact[1]),
     }
     symbols = {
         "s": number(at[0], 1), "E": number(shown[0, 0], 2, "m"), "E_W": number(grid.west, 2, "m"),
-        "g": number(0.5, 1, "m"),
+        "g": number(ORTHO_M, 1, "m"),
     }  # fmt: skip
     right = sheet.over(sheet.row("E", "−", "E_W"), "g")
     return canvases, figures, symbols, sheet.Equation("s", right)
 
 
-def mosaic(f: Followed) -> Part:
+def mosaic(point: FollowedPoint) -> Part:
     """Which photo shows the point in the mosaic, and how wrong it may be there."""
-    labelled, names = flown.seams(f.given)
+    labelled, names = flown.seams(point.given)
     grid = labelled.grid
-    column, row = np.floor(grid.grid_from_object(f.place[:, :2])[0]).astype(int)
-    chosen = names[int(labelled.labels[row, column])]
-    photo = f.report.block.photos[chosen]
-    true = flown.true_flight(f.given).photos[chosen].pixel_from_object(f.place, CAMERA)
-    shown = object_on_ground(photo, CAMERA, true, DEM)[0]
+    column, row = np.floor(grid.grid_from_object(point.place[:, :2])[0]).astype(int)
+    label = int(labelled.labels[row, column])
     west, south, east, north = grid.bounds
     tones = np.where(labelled.labels < 0, 0.0, 2.0 + labelled.labels)
-    nadirs = {n: p.exterior.centre[:2] for n, p in f.report.block.photos.items()}
+    nadirs = [photo.exterior.centre[:2] for photo in point.report.block.photos.values()]
+    # Where no photo shows the point there is no ray to it, and nothing to say of it.
+    rays = [sheet.shape("line", [nadirs[label], point.place[0, :2]], "ray")] if label >= 0 else []
     canvas = raster(
         "mosaic", tones, (west, south, east, north),
         *(
-            sheet.shape("crosses", [place], "given", number=number(names.index(n) + 1, 0))
-            for n, place in nadirs.items()
+            sheet.shape("crosses", [place], "given", number=number(count, 0))
+            for count, place in enumerate(nadirs, 1)
         ),
-        sheet.shape("line", [nadirs[chosen], f.place[0, :2]], "ray"),
-        sheet.shape("dots", f.place[:, :2], "bad", "point"),
+        *rays, sheet.shape("dots", point.place[:, :2], "bad", "point"),
     )  # fmt: skip
-    near = flown.about(f.place[0, :2], 45.0, 0.5)
-    values = flown.laid_on_dem(photo, near, flown.true_flight(f.given).photos[chosen], f.given)
-    half = near.columns * 0.25
+    error = float(DEM.heights(point.place[:, :2])[0] - point.place[0, 2])
+    figures = {"dem_error": sheet.Number(error, 2, "m", secret=True)}
+    symbols = {"c": number(C_MM, 0, "mm")}
+    right = sheet.row(sheet.over("r", "c"), "*", "Δh")
+    equation = sheet.Equation("ΔE", right)
+    if label < 0:
+        return (canvas,), figures, symbols, equation
+    close, shown, radius_mm = tile(point, names[label])
+    figures = {
+        "photo": number(label + 1, 0),
+        "mosaic_east": number(shown[0], 2, "m", point.place[0, 0]),
+        "mosaic_north": number(shown[1], 2, "m", point.place[0, 1]),
+    } | figures
+    return (canvas, close), figures, symbols | {"r": number(radius_mm, 1, "mm")}, equation
+
+
+def tile(point: FollowedPoint, name: str) -> tuple[sheet.Canvas, Position, float]:
+    """The mosaic about the point from a photo, where that shows it, and its radius there, mm."""
+    photo, true = point.report.block.photos[name], flown.true_flight(point.given).photos[name]
+    pixel = true.pixel_from_object(point.place, CAMERA)
+    shown = object_on_ground(photo, CAMERA, pixel, DEM)[0]
+    near = grid_about(point.place[0], ORTHO_HALF_PX, ORTHO_M)
+    values = flown.rectify_scan(photo, near, true, point.given)
+    half = near.columns * ORTHO_M / 2
     close = raster(
         "tile", values, (-half, -half, half, half),
         sheet.shape("crosses", [(0, 0)], "truth", "truth"),
-        sheet.shape("dots", [shown[:2] - f.place[0, :2]], "bad", "point", below=True),
+        sheet.shape("dots", [shown[:2] - point.place[0, :2]], "bad", "point", below=True),
     )  # fmt: skip
-    radius = float(np.hypot(*photo.interior.film_from_pixel(true)[0]))
-    error = float(DEM.heights(f.place[:, :2])[0] - f.place[0, 2])
-    figures = {
-        "photo": number(names.index(chosen) + 1, 0),
-        "mosaic_east": number(shown[0], 2, "m", f.place[0, 0]),
-        "mosaic_north": number(shown[1], 2, "m", f.place[0, 1]),
-        "dem_error": sheet.Number(error, 2, "m", secret=True),
-    }
-    symbols = {"r": number(radius, 1, "mm"), "c": number(C_MM, 0, "mm")}
-    right = sheet.row(sheet.over("r", "c"), "*", "Δh")
-    return (canvas, close), figures, symbols, sheet.Equation("ΔE", right)
+    return close, shown, float(np.hypot(*photo.interior.film_from_pixel(pixel)[0]))
 
 
-STEPS: tuple[Callable[[Followed], Part], ...] = (
+STEPS: tuple[Callable[[FollowedPoint], Part], ...] = (
     scan, interior, corrections, search, control, neighbours, adjustment, ray, ortho, mosaic,
 )  # fmt: skip
 
@@ -469,17 +466,18 @@ STEPS: tuple[Callable[[Followed], Part], ...] = (
 def view(state: sheet.State) -> sheet.View:
     """The picture of a step."""
     step = STEPS[int(state["step"]) - 1]
-    canvases, figures, symbols, equation = step(Followed(state))
+    given = Given(state["changed"] / 100, int(state["seed"]))
+    point = FollowedPoint(int(state["point"]) - 1, given)
+    canvases, figures, symbols, equation = step(point)
     return sheet.View(figures, canvases, symbols, step=step.__name__, equations=(equation,))
 
 
 def ask(rng: np.random.Generator) -> sheet.Asked:
     """How far a wrong height of the DEM moves the point in the mosaic."""
     radius, error = float(rng.integers(4, 16) * 10), float(rng.integers(1, 9))
-    c = float(rng.choice([152, 210, 300]))
-    # A point at flying height c (in metres) over ground: displacements on film are those there.
-    moved = relief_displacement_mm(np.array([radius]), np.array([error]), c)
-    return sheet.Asked({"r": radius, "h": error, "c": c}, float(moved[0]))
+    c_mm = float(rng.choice([152, 210, 300]))
+    moved = ground_displacement_m(radius, error, c_mm)
+    return sheet.Asked({"r": radius, "h": error, "c": c_mm}, moved)
 
 
 LESSON = sheet.Lesson(

@@ -18,6 +18,7 @@ from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
 from core.arrays import Matrix, ObjectPoints, PixelPoints, Scalars
 from core.block import Measurement, Photo
+from core.control.search import PEAK_FLOOR_PX
 from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.geometry.collinearity import CORRECTIONS
@@ -25,15 +26,19 @@ from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation, fit_interior
 from core.geometry.transforms import apply_affine, invert_affine
 from core.literature.baselines import OPERATORS
+from core.literature.common_grid import grid_about
+from core.matching.local_search import cut
+from core.matching.operators import Operator
 from core.matching.patches import object_on_ground
-from core.matching.peaks import ScoreMap, ScorePeak, detect_peaks
+from core.matching.peaks import Description, ScoreMap, ScorePeak, detect_peaks
+from core.matching.precision import place_covariance, sharpness_of
 from core.mosaic.overview import SeamView
 from core.mosaic.seam_cut import LabelledGround, label_ground
 from core.raster.grid import Grid
 from core.scans.centring import match_mark
 from core.scans.marks import Mark, draw_mark
 
-FAR = 106.0
+FAR = 106.0  # source: corner fiducials of Wild RC cameras of 230 mm
 MARKS = {
     "1": (-FAR, FAR), "2": (0.0, FAR), "3": (FAR, FAR), "4": (FAR, 0.0),
     "5": (FAR, -FAR), "6": (0.0, -FAR), "7": (-FAR, -FAR), "8": (-FAR, 0.0),
@@ -45,19 +50,37 @@ CAMERA = Camera(
 )  # fmt: skip
 CROSS = Mark("cross", 0.65, 0.1)
 """What a fiducial looks like."""
-SHRUNK = np.array([1 - 0.0010, 1 - 0.0004])
+# design: unlike along and across, so that a similarity would not do; 0.1 mm at the edge of the film
+# is seen where it is drawn 1500 times as long.
+LEFT_OF_FILM = np.array([1 - 0.0010, 1 - 0.0004])
 """What is left of the film's length along x and y."""
 WINDOW_PX = 70
 """Half of a window about a fiducial."""
 FIELD_M, ROAD_M = 120.0, 7.0
-NOISE_PX, TIES, CONTROL_M = 0.4, 110, 0.3
+# design: 6 um on the film, as ties of old film have; about thirty in a photo, a second's work.
+NOISE_PX, TIES = 0.4, 110
+"""Standard deviation of a tie's coordinate, scan pixels; and how many ties there are."""
+# design: somewhat more than a pixel of the scans; orthos state a quarter of a metre and more.
+CONTROL_M = 0.3
+"""Standard deviation of the ortho of today, and so of what is known of crossroads, per axis."""
+# design: a quarter of the search's reach; 0.0015 rad at 2280 m are 3.4 m more.
 OFF_M, TURNED = 6.0, 0.0015
 """Standard deviations of the orientations that the search begins with, metres and radians."""
 PATCH_M, REACH_M, PEAKS = 25, 25, 4
 """Half of the patch, how far it is sought, at one metre a pixel, and how many peaks are kept."""
+# design: less than a road is wide, so that its crossing is one peak; edges are smoothed by 1.2 px.
 APART_PX = 5
+"""Peaks of one search are farther apart than this."""
 CELL_M = 64.0
 """Cells in which seams are sought."""
+# design: half a cell on the film: with its middle so far inside, a cell is seen wholly.
+HALF_CELL_MM = CELL_M / 2 * 1000 / SCALE
+# design: half the side of the film's rim that fiducials and falling light take, and a seam shuns.
+RIM_MM = 12.0
+"""Seams keep out of this at the edge of a picture, where they can."""
+# design: beyond the outermost crossroads, to the ground that only one photo shows.
+BEYOND_M = 1500.0
+"""How far the mosaic reaches beyond the crossroads."""
 PLAN = Plan(2, 3, TIES, NOISE_PX, 1)
 HELD = AdjustmentOptions(estimate_cameras=False)
 
@@ -87,16 +110,8 @@ TRUE_GROUND, DEM = Hills(), Hills(1.5)
 
 def plan_of(grid: Grid) -> Matrix:
     """Easting and northing of all pixel centres, row by row."""
-    columns, rows = np.meshgrid(np.arange(grid.columns) + 0.5, np.arange(grid.rows) + 0.5)
-    return grid.object_from_grid(np.column_stack([columns.ravel(), rows.ravel()]))
-
-
-def about(place: Matrix, half_m: float, pixel_m: float) -> Grid:
-    """A grid of an odd number of pixels whose middle one has its centre at a place (2,)."""
-    half = round(half_m / pixel_m)
-    side = 2 * half + 1
-    west, north = place[0] - side * pixel_m / 2, place[1] + side * pixel_m / 2
-    return Grid(float(west), float(north), pixel_m, side, side)
+    east, north = np.meshgrid(*grid.centres())
+    return np.column_stack([east.ravel(), north.ravel()])
 
 
 def pixels_about(middle: PixelPoints, half: float, count: int) -> PixelPoints:
@@ -106,7 +121,7 @@ def pixels_about(middle: PixelPoints, half: float, count: int) -> PixelPoints:
     return middle + np.column_stack([columns.ravel(), rows.ravel()])
 
 
-def seen_from(middle: PixelPoints, pixel: PixelPoints) -> Matrix:
+def offsets_from(middle: PixelPoints, pixel: PixelPoints) -> Matrix:
     """A pixel from a middle one, with y up, as drawings have it."""
     return (pixel - middle) * [1.0, -1.0]
 
@@ -130,7 +145,7 @@ def _tables(seed: int) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     return new, other, rng.random((64, 64)), texture / texture.std()
 
 
-def painted(plan: Matrix, changed: float, seed: int) -> Scalars:
+def paint_ground(plan: Matrix, changed: float, seed: int) -> Scalars:
     """Grey values of the ground; of that of today where nothing has changed."""
     now, then, order, texture = _tables(seed)
     column, row = (np.floor(plan / FIELD_M).astype(np.int64) % 64).T
@@ -161,7 +176,8 @@ def true_flight(given: Given) -> Flight:
     photos: dict[str, Photo] = {}
     for name, photo in flown(plan).items():
         turn, shear = rng.normal(0, 0.006), rng.normal(0, 0.0002)
-        shrunk = np.diag(SHRUNK * (1 + rng.normal(0, 1e-4, 2))) @ np.array([[1, shear], [0, 1]])
+        left = LEFT_OF_FILM * (1 + rng.normal(0, 1e-4, 2))
+        shrunk = np.diag(left) @ np.array([[1, shear], [0, 1]])
         turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
         pixel = np.diag([1.0, -1.0]) @ turned @ shrunk / PIXEL_MM
         offset = side / 2 + rng.normal(0, 30, 2)
@@ -179,7 +195,7 @@ def true_flight(given: Given) -> Flight:
 def scan_values(photo: Photo, pixels: PixelPoints, given: Given) -> Scalars:
     """What the scan of a photo, as it truly stands, shows at any pixels."""
     ground = object_on_ground(photo, CAMERA, pixels, TRUE_GROUND)
-    seen = painted(ground[:, :2], given.changed, given.seed)
+    seen = paint_ground(ground[:, :2], given.changed, given.seed)
     grain = _tables(given.seed)[3]
     column, row = (np.floor(pixels).astype(np.int64) % 512).T
     film = photo.interior.film_from_pixel(pixels)
@@ -188,7 +204,7 @@ def scan_values(photo: Photo, pixels: PixelPoints, given: Given) -> Scalars:
 
 
 @lru_cache(maxsize=1)
-def drawn_cross() -> Matrix:
+def draw_cross() -> Matrix:
     """A fiducial as the engine draws it to look for it."""
     return draw_mark(CROSS, PIXEL_MM)
 
@@ -199,7 +215,7 @@ def mark_window(photo: Photo, name: str, seed: int) -> tuple[tuple[int, int], Ma
     corner = np.floor(place).astype(np.int64) - WINDOW_PX
     side = 2 * WINDOW_PX + 1
     # A mark is drawn where the film has it, to a part of a pixel.
-    fine = drawn_cross()
+    fine = draw_cross()
     moved = np.column_stack([np.eye(2), place - corner - fine.shape[0] // 2 - 0.5])
     cover = cv2.warpAffine(fine.astype(np.float32), moved, (side, side))
     rng = np.random.default_rng([seed, int(name)])
@@ -208,26 +224,26 @@ def mark_window(photo: Photo, name: str, seed: int) -> tuple[tuple[int, int], Ma
 
 
 @lru_cache(maxsize=64)
-def measured_marks(name: str, seed: int) -> PixelPoints:
+def measure_marks(name: str, seed: int) -> PixelPoints:
     """Where the engine finds the fiducials of a photo."""
     photo = true_flight(Given(0.0, seed)).photos[name]
     found: list[tuple[float, float]] = []
     for mark in MARKS:
         corner, gray = mark_window(photo, mark, seed)
         start = (WINDOW_PX + 4.0, WINDOW_PX - 3.0)
-        centre = match_mark(gray.astype(np.float32), start, 15.0, drawn_cross(), judged=False)
+        centre = match_mark(gray.astype(np.float32), start, 15.0, draw_cross(), judged=False)
         assert not isinstance(centre, Failure), centre.reason
         found.append((corner[0] + centre.column, corner[1] + centre.row))
     return np.array(found)
 
 
 @lru_cache(maxsize=8)
-def approximate(given: Given) -> dict[str, Photo]:
+def approximate_photos(given: Given) -> dict[str, Photo]:
     """The photos as the search begins: interiors from the marks, rough exteriors."""
     rng = np.random.default_rng(5000 + given.seed)
     photos: dict[str, Photo] = {}
     for name, photo in true_flight(given).photos.items():
-        pixels = measured_marks(name, given.seed)
+        pixels = measure_marks(name, given.seed)
         certified = np.array(list(MARKS.values()))
         interior = fit_interior(tuple(MARKS), pixels, certified, "affine")
         assert isinstance(interior, InteriorOrientation), interior.reason
@@ -239,7 +255,7 @@ def approximate(given: Given) -> dict[str, Photo]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class ControlSearch:
     """One search for a known point in one photo."""
 
     template: Matrix
@@ -257,31 +273,47 @@ class Found:
 
 
 @lru_cache(maxsize=256)
-def searched(point: int, name: str, given: Given) -> Found:
+def search_point(point: int, name: str, given: Given) -> ControlSearch:
     """The present ortho about a point sought in a scan laid on the DEM."""
-    flight, photo = true_flight(given), approximate(given)[name]
+    flight, photo = true_flight(given), approximate_photos(given)[name]
     place = flight.block.surveyed[str(point)].position
     operator = OPERATORS["cfog"]
-    patch_grid, grid = (about(place[:2], half, 1.0) for half in (PATCH_M, PATCH_M + REACH_M))
-    template = painted(plan_of(patch_grid), 0.0, given.seed)
-    template = template.reshape(patch_grid.rows, -1).astype(np.float32)
-    window = laid_on_dem(photo, grid, flight.photos[name], given).astype(np.float32)
-    scores = operator.scores(
-        operator.of_scan(window, PATCH_M),
-        operator.of_reference(template, np.zeros_like(template), PATCH_M),
-    )
+    around = grid_about(place, PATCH_M + REACH_M, 1.0)
+    # What is known of a crossroads comes from the ortho: both are off by the same.
+    patch_plan = plan_of(grid_about(true_place(point, given)[0], PATCH_M, 1.0))
+    side = 2 * PATCH_M + 1
+    template = paint_ground(patch_plan, 0.0, given.seed).reshape(side, side).astype(np.float32)
+    window = rectify_scan(photo, around, flight.photos[name], given).astype(np.float32)
+    shown = operator.of_scan(window, PATCH_M)
+    patch = operator.of_reference(template, np.zeros_like(template), PATCH_M)
+    scores = operator.scores(shown, patch)
     peaks = detect_peaks(scores, PEAKS, APART_PX)
-    shift = np.array([peaks[0].column - REACH_M, REACH_M - peaks[0].row])
+    best = peaks[0]
+    shift = np.array([best.column - REACH_M, REACH_M - best.row])
     plan = place[None, :2] + shift
-    shown = np.column_stack([plan, DEM.heights(plan)])
-    pixel_m = photo.ground_pixel_m(CAMERA)
-    return Found(
+    ground = np.column_stack([plan, DEM.heights(plan)])
+    # At one metre a pixel; the paraboloid errs by the floor even where there is no noise.
+    sigma_m = float(np.hypot(place_sigma_px(operator, shown, patch, best), PEAK_FLOOR_PX))
+    return ControlSearch(
         template, scores, peaks, photo.pixel_from_object(place[None], CAMERA),
-        photo.pixel_from_object(shown, CAMERA), peaks[0].sigma_px / pixel_m,
+        photo.pixel_from_object(ground, CAMERA), sigma_m / photo.ground_pixel_m(CAMERA),
     )  # fmt: skip
 
 
-def laid_on_dem(photo: Photo, grid: Grid, true: Photo, given: Given) -> Matrix:
+def place_sigma_px(
+    operator: Operator, shown: Description, patch: Description, peak: ScorePeak
+) -> float:
+    """Standard deviation per axis of a peak's place, by what the patch does not explain there."""
+    rows, columns = (
+        slice(round(first), round(first) + 2 * PATCH_M + 1) for first in (peak.row, peak.column)
+    )
+    part, template = operator.correlated(cut(shown, (rows, columns)), patch)
+    sharpness = sharpness_of(template)
+    assert sharpness is not None, "crossroads have edges in both directions"
+    return float(np.sqrt(np.trace(place_covariance(sharpness, part)) / 2))
+
+
+def rectify_scan(photo: Photo, grid: Grid, true: Photo, given: Given) -> Matrix:
     """A scan rectified onto a grid: its values where an orientation sees the pixels of the DEM."""
     plan = plan_of(grid)
     pixels = photo.pixel_from_object(np.column_stack([plan, DEM.heights(plan)]), CAMERA)
@@ -289,18 +321,19 @@ def laid_on_dem(photo: Photo, grid: Grid, true: Photo, given: Given) -> Matrix:
 
 
 @lru_cache(maxsize=8)
-def adjusted(given: Given) -> AdjustmentReport:
+def adjust_flight(given: Given) -> AdjustmentReport:
     """The block with its ties and with the control that was found, adjusted."""
     block = true_flight(given).block
     measured: dict[tuple[str, str], Measurement] = {}
     for point, name in block.measurements:
-        found = searched(int(point), name, given)
+        found = search_point(int(point), name, given)
         column, row = found.pixel[0].tolist()
         measured[point, name] = Measurement(point, name, column, row, found.sigma_px)
-    return adjust_block(replace(block, measurements=measured).with_photos(approximate(given)), HELD)
+    block = replace(block, measurements=measured).with_photos(approximate_photos(given))
+    return adjust_block(block, HELD)
 
 
-def photos_of(point: int, given: Given) -> list[str]:
+def names_of_photos(point: int, given: Given) -> list[str]:
     """Photos in which a known point is sought, the one that shows it nearest its middle first."""
     flight = true_flight(given)
     names = [name for known, name in flight.block.measurements if known == str(point)]
@@ -317,8 +350,8 @@ def photos_of(point: int, given: Given) -> list[str]:
 @lru_cache(maxsize=8)
 def seams(given: Given) -> tuple[LabelledGround, tuple[str, ...]]:
     """Which photo shows which cell of the mosaic, as the engine divides the ground."""
-    block, truth = adjusted(given).block, true_flight(given).photos
-    low, high = junctions().min(axis=0) - 1500, junctions().max(axis=0) + 1500
+    block, truth = adjust_flight(given).block, true_flight(given).photos
+    low, high = junctions().min(axis=0) - BEYOND_M, junctions().max(axis=0) + BEYOND_M
     side = 2 * CELL_M * np.ceil((high - low).max() / CELL_M / 2)
     west, south = np.floor(low / CELL_M) * CELL_M
     cells = int(side / CELL_M)
@@ -332,7 +365,7 @@ def seams(given: Given) -> tuple[LabelledGround, tuple[str, ...]]:
         gray = np.clip(scan_values(truth[name], pixels, given), 1, 255)
         gray = np.where(reach < HALF_MM, gray, 0).reshape(cells, cells).astype(np.float16)
         full, inner = (
-            (reach < HALF_MM - rim).reshape(cells, cells) for rim in (CELL_M / SCALE * 500, 12.0)
+            (reach < HALF_MM - rim).reshape(cells, cells) for rim in (HALF_CELL_MM, RIM_MM)
         )
         nadir = float(photo.exterior.centre[0]), float(photo.exterior.centre[1])
         views.append(SeamView(name, nadir, grid, gray, full, full, inner))
@@ -346,3 +379,39 @@ GROUND_PIXEL_M = PIXEL_MM / 1000 * SCALE
 def true_place(point: int, given: Given) -> ObjectPoints:
     """A crossroads where it truly lies, (1, 3)."""
     return on_hills(junctions()[point][None])
+
+
+class FollowedPoint:
+    """The point, the photo it is followed in, and what the engine found, as far as it is asked."""
+
+    def __init__(self, number: int, given: Given) -> None:
+        self.given = given
+        self.number = number
+        self.names = names_of_photos(number, given)
+        self.name = self.names[0]
+        self.true = true_flight(given).photos[self.name]
+        self.rough = approximate_photos(given)[self.name]
+        self.place: ObjectPoints = true_place(number, given)
+        self.true_pixel: PixelPoints = self.true.pixel_from_object(self.place, CAMERA)
+
+    @property
+    def search(self) -> ControlSearch:
+        """The search in its photo."""
+        return search_point(self.number, self.name, self.given)
+
+    @property
+    def report(self) -> AdjustmentReport:
+        """The adjusted block."""
+        return adjust_flight(self.given)
+
+    @property
+    def photo(self) -> Photo:
+        """Its photo as it was adjusted."""
+        return self.report.block.photos[self.name]
+
+    @property
+    def residual_px(self) -> float | None:
+        """Length of its residual in the photo; None where the adjustment has none of it."""
+        residual = self.report.residuals_px.get((str(self.number), self.name))
+        length = np.nan if residual is None else float(np.hypot(*residual))
+        return float(length) if np.isfinite(length) else None

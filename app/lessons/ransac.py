@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 
 from app.lessons import sheet
-from core.arrays import Flags, Matrix, ObjectPoints, PixelPoints, Scalars
+from core.arrays import Flags, ObjectPoints, PixelPoints, Scalars
 from core.literature.published_chains import (
     AXES,
     BATCH,
@@ -16,6 +16,7 @@ from core.literature.published_chains import (
     MILOVICE_1938,
     MILOVICE_1989,
     SAMPLES_OF,
+    Models,
     Transform,
     conditioned,
     distances,
@@ -66,26 +67,39 @@ class Search:
 
 
 @lru_cache(maxsize=64)
-def scored(search: Search, batch: int) -> Matrix:
-    """Distance of every candidate from where each sample of a batch puts it, metres."""
+def solve_batch(search: Search, batch: int) -> Models:
+    """Transformations of the samples of a batch, between conditioned points.
+
+    These take the time. Distances of all candidates from all samples would take 2.5 MB a batch.
+    """
     points, pixels, _ = candidates(search.count, search.share, search.half_m, search.seed)
     rng = np.random.default_rng((search.seed, batch))
     drawn = np.argsort(rng.random((BATCH, search.count)), axis=1)
     drawn = drawn[:, : SAMPLES_OF[search.transform]]
     ground, image = conditioned(points[:, : AXES[search.transform]]), conditioned(pixels)
+    return solved(ground[drawn], image[drawn])
+
+
+@lru_cache(maxsize=64)
+def score_batch(search: Search, batch: int, limit_m: float, samples: int) -> tuple[Scalars, Flags]:
+    """How many candidates agree with each sample of a batch, and which with its best."""
+    points, pixels, _ = candidates(search.count, search.share, search.half_m, search.seed)
+    ground, image = conditioned(points[:, : AXES[search.transform]]), conditioned(pixels)
     scale = float(np.std(pixels - pixels.mean(axis=0)))
-    return distances(solved(ground[drawn], image[drawn]), ground, image) * scale
+    found = solve_batch(search, batch)[:samples]
+    near = distances(found, ground, image) * scale < limit_m
+    counts = near.sum(axis=1)
+    return counts.astype(np.float64), near[int(counts.argmax())].copy()
 
 
-def searched(search: Search, limit_m: float, samples: int) -> tuple[Scalars, Flags]:
+def search_best(search: Search, limit_m: float, samples: int) -> tuple[Scalars, Flags]:
     """Most agreeing candidates after each sample, and which agree with the best."""
     counts, best = list[Scalars](), np.zeros(search.count, dtype=np.bool_)
     for batch in range(-(-samples // BATCH)):
-        near = scored(search, batch)[: samples - batch * BATCH] < limit_m
-        own = near.sum(axis=1)
+        own, agrees = score_batch(search, batch, limit_m, min(samples - batch * BATCH, BATCH))
         if own.max() > best.sum():
-            best = near[int(own.argmax())]
-        counts.append(own.astype(np.float64))
+            best = agrees
+        counts.append(own)
     return np.maximum.accumulate(np.concatenate(counts)), best
 
 
@@ -105,9 +119,9 @@ def view(state: sheet.State) -> sheet.View:
     search, limit = search_of(state)
     count, share, samples = search.count, search.share, int(state["samples"])
     points, _, right = candidates(count, share, search.half_m, search.seed)
-    best, agrees = searched(search, limit, samples)
+    best, agrees = search_best(search, limit, samples)
     noise = replace(search, share=0.0, seed=search.seed + 500)
-    chance, _ = searched(noise, limit, samples)
+    chance, _ = search_best(noise, limit, samples)
     size = SAMPLES_OF[search.transform]
     plan = points[:, :2]
     edge = 0.03 * SIDE_M

@@ -49,6 +49,19 @@ def relief_displacement_mm(radius_mm: Scalars, height_m: Scalars, above_ground_m
     return radius_mm * height_m / above_ground_m
 
 
+def ground_displacement_m(
+    radius_mm: float, height_error_m: float, principal_distance_mm: float
+) -> float:
+    """R h / c: how far a wrong height moves a point of an ortho, along the line from the nadir.
+
+    Args:
+        radius_mm: r, distance of its image from the nadir point of a vertical photo.
+        height_error_m: h, what the DEM is too high there.
+        principal_distance_mm: c.
+    """
+    return radius_mm / principal_distance_mm * height_error_m
+
+
 def image_motion_mm(
     speed_km_h: float, exposure_s: float, principal_distance_mm: float, above_ground_m: float
 ) -> float:
@@ -159,7 +172,7 @@ def special_points(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shift:
+class ImageShift:
     """What one effect does to a place of a scan."""
 
     film_mm: FilmPoints
@@ -169,9 +182,9 @@ class Shift:
     ground_m: ObjectPoints
     """How far the ground would seem to lie if it were not corrected, (1, 3) metres."""
 
-    def __add__(self, other: "Shift") -> "Shift":
+    def __add__(self, other: "ImageShift") -> "ImageShift":
         """Both effects together."""
-        return Shift(
+        return ImageShift(
             self.film_mm + other.film_mm,
             self.pixel_px + other.pixel_px,
             self.ground_m + other.ground_m,
@@ -184,7 +197,7 @@ class Shift:
 
 def shifts_at(
     pixel: PixelPoints, height: Scalars, model: PhotoModel, exterior: ExteriorOrientation
-) -> Mapping[Effect, Shift]:
+) -> Mapping[Effect, ImageShift]:
     """What each effect does at one place of a scan: the engine's model with it and without it.
 
     Args:
@@ -206,17 +219,17 @@ def shifts_at(
         "curvature": replace(model, atmosphere=replace(air, curvature_per_m=0.0)),
         "distortion": replace(model, camera=ideal_lens),
     }
-    shifts: dict[Effect, Shift] = {}
+    shifts: dict[Effect, ImageShift] = {}
     for effect, plain in without.items():
         straight = film_from_object(ground, exterior, plain.camera, plain.atmosphere)
         seeming = object_from_film(film, height, exterior, plain.camera, plain.atmosphere)
-        shifts[effect] = Shift(
+        shifts[effect] = ImageShift(
             film - straight, pixel - interior.pixel_from_film(straight), seeming - ground
         )
     similarity = plain_similarity(interior) if interior.names else None
     if isinstance(similarity, PlaneTransform):
         deformed = apply_affine(similarity.matrix, pixel)
-        shifts["film"] = Shift(
+        shifts["film"] = ImageShift(
             deformed - film,
             pixel - apply_affine(invert_affine(similarity.matrix), film),
             object_from_film(deformed, height, exterior, camera, air) - ground,

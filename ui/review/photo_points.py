@@ -7,7 +7,7 @@ import numpy as np
 
 from core.arrays import ObjectPoints, PixelPoints
 from core.block import Block
-from core.geometry.image_corrections import Shift, SpecialPoint, shifts_at, special_points
+from core.geometry.image_corrections import ImageShift, SpecialPoint, shifts_at, special_points
 from core.geometry.resection import PhotoModel
 from ui.review.compare import (
     DrawnPhoto,
@@ -82,7 +82,7 @@ def corrections_part(
     shifts = shifts_at(pixel, ground[:, 2], model, photo.exterior)
     middle = special_points(model, photo.exterior)["principal"]
     away = photo.interior.film_from_pixel(pixel) - middle
-    none = Shift(np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 3)))
+    none = ImageShift(np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 3)))
     rows = {**shifts, "together": sum(shifts.values(), none)}
     return [
         [

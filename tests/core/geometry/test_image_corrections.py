@@ -20,6 +20,7 @@ from core.geometry.collinearity import (
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.image_corrections import (
     curvature_um,
+    ground_displacement_m,
     image_motion_mm,
     isocentre_on_film,
     nadir_on_film,
@@ -131,6 +132,17 @@ def test_relief_displacement_is_what_collinearity_gives__law():
     )
     leaning = relief_displacement_mm(r_top, np.array([50.0]), 3000.0)
     assert r_top - r_foot == pytest.approx(leaning, rel=1e-9)
+
+
+def test_a_dem_that_is_too_high_moves_a_point_towards_the_nadir__truth():
+    """The ray of a point meets the false ground above it, nearer to the plumb line."""
+    camera = Camera("wide", 152.0, (230.0, 230.0))
+    centre, point = np.array([0.0, 0.0, 3000.0]), np.array([1500.0, 800.0, 0.0])
+    exterior = ExteriorOrientation(centre, 0.0, 0.0, 0.0)
+    radius = float(np.linalg.norm(film_from_object(point[None], exterior, camera)))
+    met = centre + (centre[2] - 8.0) / centre[2] * (point - centre)
+    moved = ground_displacement_m(radius, 8.0, camera.principal_distance_mm)
+    assert moved == pytest.approx(float(np.linalg.norm((point - met)[:2])), rel=1e-9)
 
 
 def test_vertical_edges_meet_in_the_nadir__law():
