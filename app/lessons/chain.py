@@ -127,7 +127,7 @@ def interior(point: FollowedPoint) -> Part:
     return (canvas,), figures, symbols, sheet.Equation("x", right)
 
 
-def outwards_um(shift: ImageShift, film: Matrix) -> float:
+def outward_length_um(shift: ImageShift, film: Matrix) -> float:
     """Length of a shift on the film, negative where it points towards the middle, micrometres."""
     return 1000 * shift.sign(film[None]) * float(np.linalg.norm(shift.film_mm))
 
@@ -164,7 +164,7 @@ def corrections(point: FollowedPoint) -> Part:
         "mm",
     )  # fmt: skip
     figures = {
-        name: number(outwards_um(part, film), 2, "µm", outwards_um(truth[name], film))
+        name: number(outward_length_um(part, film), 2, "µm", outward_length_um(truth[name], film))
         for name, part in parts.items()
     }
     above = float(point.rough.exterior.centre[2] - height[0])

@@ -86,7 +86,7 @@ HELD = AdjustmentOptions(estimate_cameras=False)
 
 
 @dataclass(frozen=True, slots=True)
-class Hills:
+class HillsDem:
     """The DEM: the true hills, and an error that changes slowly."""
 
     error_m: float = 0.0
@@ -105,7 +105,7 @@ class Hills:
         return self.heights(plan_of(grid)).reshape(grid.rows, grid.columns)
 
 
-TRUE_GROUND, DEM = Hills(), Hills(1.5)
+TRUE_GROUND, DEM = HillsDem(), HillsDem(1.5)
 
 
 def plan_of(grid: Grid) -> Matrix:

@@ -51,7 +51,7 @@ def candidates(
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
+class RansacSearch:
     """Candidates, and what is fitted to them."""
 
     count: int
@@ -67,7 +67,7 @@ class Search:
 
 
 @lru_cache(maxsize=64)
-def solve_batch(search: Search, batch: int) -> Models:
+def solve_batch(search: RansacSearch, batch: int) -> Models:
     """Transformations of the samples of a batch, between conditioned points.
 
     These take the time. Distances of all candidates from all samples would take 2.5 MB a batch.
@@ -81,7 +81,9 @@ def solve_batch(search: Search, batch: int) -> Models:
 
 
 @lru_cache(maxsize=64)
-def score_batch(search: Search, batch: int, limit_m: float, samples: int) -> tuple[Scalars, Flags]:
+def score_batch(
+    search: RansacSearch, batch: int, limit_m: float, samples: int
+) -> tuple[Scalars, Flags]:
     """How many candidates agree with each sample of a batch, and which with its best."""
     points, pixels, _ = candidates(search.count, search.share, search.half_m, search.seed)
     ground, image = conditioned(points[:, : AXES[search.transform]]), conditioned(pixels)
@@ -92,7 +94,7 @@ def score_batch(search: Search, batch: int, limit_m: float, samples: int) -> tup
     return counts.astype(np.float64), near[int(counts.argmax())].copy()
 
 
-def search_best(search: Search, limit_m: float, samples: int) -> tuple[Scalars, Flags]:
+def search_best(search: RansacSearch, limit_m: float, samples: int) -> tuple[Scalars, Flags]:
     """Most agreeing candidates after each sample, and which agree with the best."""
     counts, best = list[Scalars](), np.zeros(search.count, dtype=np.bool_)
     for batch in range(-(-samples // BATCH)):
@@ -103,7 +105,7 @@ def search_best(search: Search, limit_m: float, samples: int) -> tuple[Scalars, 
     return np.maximum.accumulate(np.concatenate(counts)), best
 
 
-def search_of(state: sheet.State) -> tuple[Search, float]:
+def search_of(state: sheet.State) -> tuple[RansacSearch, float]:
     """The search that the sliders or a block of the thesis make, and within what agrees, metres."""
     half, limit, transform = state["half"], state["limit"], cast("Transform", "dlt")
     if state["block"]:
@@ -111,7 +113,7 @@ def search_of(state: sheet.State) -> tuple[Search, float]:
         half = (options.window - options.template) / 2
         limit, transform = options.ransac.threshold_px * options.gsd_m, options.transform
     share, seed = state["share"] / 100, int(state["seed"])
-    return Search(int(state["N"]), share, half, seed, transform), limit
+    return RansacSearch(int(state["N"]), share, half, seed, transform), limit
 
 
 def view(state: sheet.State) -> sheet.View:
