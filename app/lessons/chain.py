@@ -20,7 +20,7 @@ from core.literature.common_grid import grid_about
 from core.matching.patches import object_on_ground
 from core.matching.peaks import level_and_spread
 
-# design: so many times their size, the longest arrows are some centimetres of the film or ground.
+# design: so magnified, arrows are seen and stay within the drawing.
 TIMES, MM_TIMES, GROUND_TIMES = 4000.0, 1500.0, 600.0
 """Magnification of residuals of marks, of corrections, and of errors in the block."""
 # design: half a side of the block's map beyond its crossroads, so that whole photos are seen.

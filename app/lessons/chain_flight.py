@@ -75,7 +75,7 @@ CELL_M = 64.0
 """Cells in which seams are sought."""
 # design: half a cell on the film: with its middle so far inside, a cell is seen wholly.
 HALF_CELL_MM = CELL_M / 2 * 1000 / SCALE
-# design: half the side of the film's rim that fiducials and falling light take, and a seam shuns.
+# design: fiducials stand 9 mm inside the edge of the film, and seams should not cross them.
 RIM_MM = 12.0
 """Seams keep out of this at the edge of a picture, where they can."""
 # design: beyond the outermost crossroads, to the ground that only one photo shows.
