@@ -290,6 +290,8 @@ def neighbours(point: FollowedPoint) -> Part:
         "H_g": number(above, 0, "m"), "B": number(base, 0, "m"), "c": number(C_MM, 0, "mm"),
         "σ_p": number(sigma, 4, "mm"),
     }  # fmt: skip
+    if "sigma_height" in figures:
+        symbols["σ_Z"] = figures["sigma_height"]
     right = sheet.row(sheet.over(sheet.power("H_g", "2"), sheet.row("B", "*", "c")), "*", "σ_p")
     return tuple(canvases), figures, symbols, sheet.Equation("σ_Z", right)
 
@@ -430,7 +432,7 @@ def mosaic(point: FollowedPoint) -> Part:
     figures = {"dem_error": sheet.Number(error, 2, "m", secret=True)}
     symbols = {"c": number(C_MM, 0, "mm")}
     right = sheet.row(sheet.over("r", "c"), "*", "Δh")
-    equation = sheet.Equation("ΔE", right)
+    equation = sheet.Equation("d", right)
     if label < 0:
         return (canvas,), figures, symbols, equation
     close, shown, radius_mm = tile(point, names[label])

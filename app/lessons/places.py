@@ -290,7 +290,13 @@ def view_of(flight: LessonGround, state: sheet.State) -> sheet.View:
     ]
     canvases.append(likeness_canvas(found, peaks, true))
     side = 2 * found.sizes.half + 1
-    symbols = {"N": sheet.Number(side**2, 0)}
+    # Of detected points only some are compared: the formula has no numbers then.
+    symbols = {
+        "h": sheet.Number(found.sizes.half, 0, "px"),
+        "N": sheet.Number(side**2, 0),
+    }
+    if found.likeness.surface is None:
+        symbols = {}
     return sheet.View(figures, tuple(canvases), symbols, profile_of(found))
 
 
@@ -425,7 +431,7 @@ def profile_of(found: PatchSearch) -> sheet.Plot | None:
 
 def ask(rng: np.random.Generator) -> sheet.Asked:
     """How many places a window has."""
-    half, gsd = float(rng.integers(10, 41)), float(rng.choice([0.5, 1.0, 2.0]))
+    half, gsd = 2.0 * float(rng.integers(5, 21)), float(rng.choice([0.5, 1.0, 2.0]))
     options = PublishedOptions(gsd_m=gsd, template=51, window=51 + 2 * half)
     _, half_px = sizes_px(options)
     return sheet.Asked({"s": half, "g": gsd}, float((2 * half_px + 1) ** 2))
@@ -458,8 +464,8 @@ LESSON = sheet.Lesson(
         sheet.Slider("way", 1, len(WAYS), 1, 1),
         sheet.Slider("place", 1, PLACES, 1, 1),
         sheet.Slider("size", 21, 101, 51, 2, "m"),
-        sheet.Slider("half", 10, 40, 29, 1, "m", "s"),
-        sheet.Slider("gsd", 0.5, 2, 1, 0.5, "m", "g"),
+        sheet.Slider("half", 10, 40, 29, 1, "m"),
+        sheet.Slider("gsd", 0.5, 2, 1, 0.5, "m"),
         sheet.Slider("band", 1, len(BANDS), 1, 1),
         sheet.Slider("built", 0, 1, 0, 1),
         *_handles(),
@@ -468,9 +474,7 @@ LESSON = sheet.Lesson(
     (
         sheet.Equation(
             "N",
-            sheet.power(
-                ["fence", sheet.row(sheet.over(sheet.row("2", "*", "s"), "g"), "+", "1")], "2"
-            ),
+            sheet.power(["fence", sheet.row("2", "*", "h", "+", "1")], "2"),
         ),
     ),
     (sheet.Question("places", "", 0.5, ask, 0),),
