@@ -62,7 +62,7 @@ def test_a_notebook_and_the_page_say_the_same__law() -> None:
     assert study.figures(**state) == {k: one["value"] for k, one in page["figures"].items()}
     curve = study.curves(**state)["sum"]
     assert curve.tolist() == page["plot"]["curves"][-1]["points"]
-    assert "H: 600 to 12000, 4500 m" in repr(study)
+    assert "H: 600 to 16000, 4500 m" in repr(study)
     assert set(gruber.lesson("relative").truth()) == {"by", "bz", "omega", "phi", "kappa"}
 
 
