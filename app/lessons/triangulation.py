@@ -30,8 +30,8 @@ CONTROL = EXTENT * np.array(
      [0.5, 0.52], [0.26, 0.48], [0.74, 0.5], [0.38, 0.95], [0.62, 0.05], [0.4, 0.2]]
 )  # fmt: skip
 """Known points in two photos or more, corners first: the last ones are taken away first."""
-CONTROL_M, GNSS_M = 0.05, 0.1
-"""Standard deviations of known points and of centres from GNSS, metres."""
+GNSS_M = 0.1
+"""Standard deviation of centres from GNSS, metres."""
 HELD = AdjustmentOptions(estimate_cameras=False, robust=False)
 RADIAL: tuple[RadialPoint, ...] = ("principal", "isocentre", "nadir")
 RADIUS_MM = 80.0
@@ -50,6 +50,8 @@ class Layout:
     """Hills rise and fall by so much."""
     tilt_deg: float
     """Standard deviation of the tilts."""
+    control_m: float
+    """Standard deviation of a known point."""
 
 
 @lru_cache(maxsize=16)
@@ -59,7 +61,7 @@ def observed(layout: Layout) -> Flight:
         STRIPS, PHOTOS, TIES, layout.noise_um / 1000 / PIXEL_MM, layout.seed, layout.relief_m,
         float(np.radians(layout.tilt_deg)),
     )  # fmt: skip
-    return fly(plan, CONTROL, CONTROL_M)
+    return fly(plan, CONTROL, layout.control_m)
 
 
 @lru_cache(maxsize=16)
@@ -87,7 +89,9 @@ def errors_of(state: sheet.State) -> tuple[Flight, Matrix | None]:
 
     None where the method cannot be done with so little control.
     """
-    layout = Layout(max(state["noise"], 0.1), int(state["seed"]), state["relief"], state["tilt"])
+    layout = Layout(
+        state["noise"], int(state["seed"]), state["relief"], state["tilt"], state["known"]
+    )
     flight = observed(layout)
     count, method = int(state["control"]), int(state["method"])
     block = with_control(flight.block, count, bool(state["gnss"]), layout.seed)
@@ -253,6 +257,7 @@ LESSON = sheet.Lesson(
         sheet.Slider("relief", 0, 300, 40, 10, "m", "h"),
         sheet.Slider("tilt", 0, 3, 1, 0.1, "°", "t"),
         sheet.Slider("times", 10, 3000, 100, 10),
+        sheet.Slider("known", 0, 0.5, 0.05, 0.01, "m"),
         replace(sheet.NOISE, start=8),
         sheet.SEED,
     ),

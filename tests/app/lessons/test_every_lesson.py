@@ -387,3 +387,11 @@ def test_no_error_is_found_where_nothing_controls_it__law() -> None:
     lesson = LESSONS["least_squares"]
     assert "least" not in lesson.view(lesson.start | {"count": 3}).figures
     assert lesson.view(lesson.start).figures["least"].value > 0
+
+
+def test_radial_triangulation_of_level_photos_over_flat_ground_is_exact__law() -> None:
+    lesson = LESSONS["triangulation"]
+    flat = {"method": 1, "noise": 0, "known": 0, "relief": 0, "tilt": 0}
+    assert lesson.view(lesson.start | flat).figures["worst"].value < 1e-4
+    hilly = lesson.view(lesson.start | flat | {"relief": 200, "tilt": 2}).figures
+    assert hilly["worst"].value > 1
