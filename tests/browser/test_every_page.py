@@ -283,6 +283,8 @@ def test_enter_on_a_button_that_decides_decides_that_and_nothing_else__law(rooms
     for decisions in (ON_BOARD, DECIDING):
         for _ in decisions:
             known = len(session.decisions())
+            # A hand that is ahead of the desk is told to wait, by design.
+            page.wait_for_function("!gruber.isAhead() && !gruber.parts.status.adjusting")
             page.keyboard.press("u")
             wait_until(lambda known=known: len(session.decisions()) > known)
         page.keyboard.press("Escape")
