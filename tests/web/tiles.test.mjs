@@ -91,6 +91,22 @@ test("a view asks for the tiles it shows and draws them once they have come__tru
   assert.deepEqual(first.slice(1), [0, 0, 256, 256]);
 });
 
+test("what was asked for ahead tells nobody before a view shows it__law", () => {
+  asked.clear();
+  let told = 0;
+  onTile(() => {
+    told += 1;
+  });
+  const frame = { x: 4096, y: 256, scale: 1 };
+  fetchAhead(LAYER, frame, SIZE);
+  const [first, ...others] = asked.values();
+  first.onload();
+  assert.equal(told, 0);
+  drawn(frame);
+  for (const picture of others) picture.onload();
+  assert.equal(told, others.length);
+});
+
 test("until a tile has come a part of a coarser one stands in its place__truth", () => {
   asked.clear();
   fetchAhead(LAYER, { x: 2048, y: 2048, scale: 0.5 }, SIZE);

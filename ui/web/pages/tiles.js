@@ -1,7 +1,7 @@
 // Tiles: fetched when first needed, kept while they fit, drawn with the best that is there already.
 import { start } from "./words.js";
 
-/** @typedef {HTMLImageElement & { ready?: boolean, failed?: boolean }} Picture */
+/** @typedef {HTMLImageElement & { ready?: boolean, failed?: boolean, ahead?: boolean }} Picture */
 /**
  * Its own frame counts x right and y down in units of which `pixel` make one at level 0.
  * @typedef {object} Layer
@@ -32,6 +32,7 @@ export function image(address, ahead = false) {
   const { images, waiting } = state;
   const known = images.get(address);
   if (known) {
+    known.ahead &&= ahead;
     images.delete(address);
     images.set(address, known);
     return known;
@@ -39,10 +40,12 @@ export function image(address, ahead = false) {
   /** @type {Picture} */
   const found = new Image();
   found.decoding = "async";
+  found.ahead = ahead;
   if (ahead) found.fetchPriority = "low";
   found.onload = () => {
     found.ready = true;
-    waiting.forEach((callback) => callback());
+    // Nobody draws yet what was only asked for ahead.
+    if (!found.ahead) waiting.forEach((callback) => callback());
   };
   let tries = 0;
   // The ortho may still be read for the first time: a tile not there yet is asked for again.
