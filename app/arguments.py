@@ -192,6 +192,7 @@ def add_teach(verb: Parser) -> None:
     verb.add_option("--lesson NAME", "the lesson to begin with", default="")
     verb.add_switch("--list", "name the lessons and end")
     verb.add_option("--own FILE", "a Python file with one more lesson", type=Path)
+    verb.add_switch("--hide-truth", "students, who come by a link, cannot show the truth")
     from app.experiments import EXPERIMENTS
 
     repeated = say(

@@ -6,7 +6,7 @@ import pkgutil
 import secrets
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from importlib import import_module
@@ -19,6 +19,7 @@ from app import lessons
 from app.lessons import places
 from app.lessons.sheet import Lesson, LessonError, Question, Shape, Slider, State, View
 from core.errors import PhotogrammetryError
+from core.formats.records import spreadsheet_bytes
 from core.said import say
 from ui.review.looks import page_palette
 from ui.web.access import Access
@@ -27,6 +28,9 @@ from ui.web.lessons import lesson_routes
 from ui.words.catalogue import LANGUAGES, lesson_words
 
 MOST_SEED = 2**31
+COLUMNS = ("when", "student", "lesson", "question", "asked", "answer", "right_answer", "unit",
+           "tolerance", "result", "sliders", "seed")  # fmt: skip
+"""Of the table of answers."""
 REMEDY = "Compare it with the lessons of app/lessons, as docs/teaching.md shows."
 
 
@@ -38,7 +42,7 @@ def find_lessons(own: Path | None = None, block: Path | None = None) -> dict[str
         block: A block with truth whose places are matched; without one the teaching flight.
 
     Raises:
-        LessonError: That file is no lesson.
+        LessonError: That file is no lesson, is named as another, or lacks texts.
     """
     modules = [
         import_module(f"{lessons.__name__}.{found.name}")
@@ -46,12 +50,56 @@ def find_lessons(own: Path | None = None, block: Path | None = None) -> dict[str
     ]
     found = [module.LESSON for module in modules if hasattr(module, "LESSON")]
     if own is not None:
-        found.append(read_lesson(own))
+        found.append(_one_more(own, {lesson.name for lesson in found}))
     if block is not None:
         found = [lesson for lesson in found if lesson.name != places.LESSON.name]
         found.append(places.lesson_on(block))
     ordered = sorted(found, key=lambda lesson: (lesson.letter, lesson.order, lesson.name))
     return {lesson.name: lesson for lesson in ordered}
+
+
+def _one_more(own: Path, names: Collection[str]) -> Lesson:
+    """A teacher's lesson beside others of these names, with all its texts."""
+    lesson = read_lesson(own)
+    if lesson.name in names:
+        wrong = say("has the name of a lesson of Gruber, {name}.", name=lesson.name)
+        raise LessonError(own, wrong, "Give its LESSON another name.")
+    keys = text_keys(lesson)
+    for language, texts in lesson.texts.items() or {LANGUAGES[0]: {}}.items():
+        if missing := sorted(keys - set(texts)):
+            lacks = say("lacks texts ({language}): {keys}.", language=language, keys=missing)
+            raise LessonError(own, lacks, "Write them into the texts of its LESSON.")
+    return lesson
+
+
+def text_keys(lesson: Lesson) -> set[str]:
+    """The texts that a lesson shows as it opens, and at both ends of each slider.
+
+    A label without a text is shown as it is.
+    """
+    keys = {"title", "idea", "try", "source"} | {f"slider.{one.name}" for one in lesson.sliders}
+    for one in lesson.questions:
+        keys |= {f"{part}.{one.name}" for part in ("question", "hint")}
+        keys |= {f"sign.{one.name}"} if one.signed else set()
+    steps = [one for one in lesson.sliders if one.name == "step"]
+    ends = [(one.name, value) for one in lesson.sliders for value in (one.low, one.high)]
+    ends += [(one.name, value) for one in steps for value in np.arange(one.low, one.high)]
+    for name, value in [("", 0.0), *ends]:
+        # Some states show nothing, which the page tells.
+        with suppress(ArithmeticError, np.linalg.LinAlgError):
+            keys |= _view_keys(lesson.view(lesson.start | ({name: float(value)} if name else {})))
+    return keys
+
+
+def _view_keys(view: View) -> set[str]:
+    keys = {f"{part}.{view.step}" for part in ("step", "source_of") if view.step}
+    keys |= {f"figure.{one}" for one in view.figures}
+    keys |= {f"canvas.{one.name}" for one in view.canvases}
+    if view.plot is not None:
+        keys |= {f"axis.{one}" for one in (view.plot.x, view.plot.y)}
+        # One line alone is named by its axis.
+        keys |= {f"curve.{one.name}" for one in view.plot.curves if len(view.plot.curves) > 1}
+    return keys
 
 
 def read_lesson(path: Path) -> Lesson:
@@ -95,11 +143,17 @@ class Teacher:
     def __init__(self, found: Mapping[str, Lesson]) -> None:
         self._lessons = found
 
-    def listed(self, language: str) -> dict[str, Any]:
-        """All lessons with their sliders and formulas, and their texts."""
+    def listed(self, language: str, truth: bool = True) -> dict[str, Any]:
+        """All lessons with their sliders and formulas, and their texts.
+
+        Args:
+            language: Of the texts.
+            truth: Whether the truth can be shown at all.
+        """
         texts = dict(lesson_words(language))
         for lesson in self._lessons.values():
-            own = lesson.texts.get(language) or lesson.texts.get(LANGUAGES[0], {})
+            # A lesson in one language is shown in that.
+            own = lesson.texts.get(language) or next(iter(lesson.texts.values()), {})
             texts |= {f"lesson.{lesson.name}.{key}": text for key, text in own.items()}
         told = [
             {
@@ -108,7 +162,7 @@ class Teacher:
                 "sliders": [_slider(slider) for slider in lesson.sliders],
                 "equations": [plain(one) for one in lesson.equations],
                 "questions": [one.name for one in lesson.questions],
-                "truth": lesson.hides_truth,
+                "truth": lesson.hides_truth and truth,
             }
             for lesson in self._lessons.values()
         ]
@@ -139,10 +193,16 @@ class Teacher:
         """
         question = self._question(name, which)
         asked = question.ask(np.random.default_rng(abs(seed) % MOST_SEED))
-        return {"name": question.name, "values": dict(asked.values), "unit": question.unit}
+        values = dict(asked.values)
+        return {
+            "name": question.name, "values": values, "unit": question.unit,
+            "signed": question.signed,
+        }  # fmt: skip
 
     def judge(self, name: str, which: int, seed: int, answer: float | None) -> dict[str, Any]:
         """Whether an answer is right; the right one with it where it is, or was given up.
+
+        `opposite` says that the amount is right, and its sign is not.
 
         Raises:
             LessonError: No such question.
@@ -150,8 +210,38 @@ class Teacher:
         question = self._question(name, which)
         right = question.ask(np.random.default_rng(abs(seed) % MOST_SEED)).answer
         is_right = answer is not None and abs(answer - right) <= question.tolerance
-        told = {"right": is_right, "tolerance": question.tolerance, "digits": question.digits}
+        opposite = answer is not None and abs(answer + right) <= question.tolerance
+        told = {
+            "right": is_right, "opposite": opposite and not is_right,
+            "tolerance": question.tolerance, "digits": question.digits,
+        }  # fmt: skip
         return {**told, "answer": right} if is_right or answer is None else told
+
+    def table(self, student: str, attempts: Sequence[Mapping[str, Any]]) -> bytes:
+        """A row for each attempt of a student, for a spreadsheet: UTF-8 with its mark.
+
+        Args:
+            student: A name.
+            attempts: `lesson`, `which`, `seed`, `answer` (None: given up), `when`, and the
+                `state` of the sliders, each as the page kept it.
+        """
+        return spreadsheet_bytes([COLUMNS, *(self._row(student, one) for one in attempts)])
+
+    def _row(self, student: str, given: Mapping[str, Any]) -> list[object]:
+        name, which, seed, answer = (given[key] for key in ("lesson", "which", "seed", "answer"))
+        state = " ".join(f"{slider}={value}" for slider, value in given["state"].items())
+        try:
+            question, told = self._question(name, which), self.judge(name, which, seed, None)
+        except LessonError:
+            # A teacher's lesson that is not open now: what is known is kept.
+            return [given["when"], student, name, "", "", answer, "", "", "", "", state, seed]
+        asked = question.ask(np.random.default_rng(abs(seed) % MOST_SEED)).values
+        is_right = self.judge(name, which, seed, answer)["right"]
+        result = "given up" if answer is None else "right" if is_right else "wrong"
+        values = " ".join(f"{key}={value:g}" for key, value in asked.items())
+        right = round(told["answer"], question.digits + 2)
+        return [given["when"], student, name, question.name, values, answer, right, question.unit,
+                question.tolerance, result, state, seed]  # fmt: skip
 
     def _lesson(self, name: str) -> Lesson:
         lesson = self._lessons.get(name)
@@ -191,16 +281,26 @@ def shown(view: View, truth: bool) -> View:
     """A view as it is sent: without what was put in, unless that is to be seen."""
     if truth:
         return view
+    symbols = {
+        name: one if isinstance(one, list) else replace(one, truth=None)
+        for name, one in view.symbols.items()
+        if isinstance(one, list) or not one.secret
+    }
+    canvases = tuple(
+        replace(canvas, shapes=tuple(bare(one) for one in canvas.shapes if one.look != "truth"))
+        for canvas in view.canvases
+    )
     figures = {
         name: replace(number, truth=None)
         for name, number in view.figures.items()
         if not number.secret
     }
-    canvases = tuple(
-        replace(canvas, shapes=tuple(one for one in canvas.shapes if one.look != "truth"))
-        for canvas in view.canvases
-    )
-    return replace(view, figures=figures, canvases=canvases)
+    return replace(view, figures=figures, symbols=symbols, canvases=canvases)
+
+
+def bare(one: Shape) -> Shape:
+    """A shape whose number tells no truth."""
+    return one if one.number is None else replace(one, number=replace(one.number, truth=None))
 
 
 def plain(value: Any) -> Any:
@@ -244,9 +344,20 @@ class Teaching(Opened):
 
 
 def open_teaching(
-    found: Mapping[str, Lesson], host: str, port: int, language: str = ""
+    found: Mapping[str, Lesson],
+    host: str,
+    port: int,
+    language: str = "",
+    hide_truth: bool = False,
 ) -> Teaching:
     """Open the page of lessons.
+
+    Args:
+        found: The lessons.
+        host: Address that is listened at.
+        port: 0 takes any that is free.
+        language: Of the texts until a page chooses; that of each browser when empty.
+        hide_truth: Students, who come by a link, never get the truth.
 
     Raises:
         PhotogrammetryError: The port cannot be had.
@@ -259,7 +370,8 @@ def open_teaching(
         None,
         start,
         page="lessons.html",
-        routes=lesson_routes(Teacher(found)),
+        told=lambda: {"invitation": opened.guest_url},
+        routes=lesson_routes(Teacher(found), hide_truth),
         language=language,
     )
     opened = Teaching(Front(doors, host, port))

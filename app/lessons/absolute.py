@@ -31,7 +31,8 @@ def view(state: sheet.State) -> sheet.View:
     shown = fits[count - 3] if state["solve"] else body(*(state[name] for name in NAMES))
     laid = shown.moved(model)
     # Shifts are found by themselves: the known points keep their middle.
-    laid = laid + (target - laid)[:count].mean(axis=0) + MIDDLE
+    shift = (target - laid)[:count].mean(axis=0) + MIDDLE
+    laid = laid + shift
     left = laid[:count] - GROUND[:count]
     found = [
         100 * (shown.scale - 1),
@@ -52,7 +53,14 @@ def view(state: sheet.State) -> sheet.View:
     scene = sheet.Canvas("scene", (-100, -100, 150, 1000, 1800, 450), tuple(shapes))
     rms = [np.sqrt(np.mean(np.sum((one.moved(model) - target) ** 2, axis=1))) for one in fits]
     plot = sheet.Plot("n", "error", (sheet.curve("error", counts, rms),))
-    return sheet.View(figures, (scene,), {}, plot)
+    symbols: dict[str, sheet.Number | sheet.Block] = {
+        "X_1": sheet.block(laid[0], 1, "m"),
+        "λ": sheet.Number(shown.scale, 4),
+        "R": sheet.block(shown.rotation, 4),
+        "x_1": sheet.block(model[0], 1),
+        "X_0": sheet.block(shift, 1, "m"),
+    }
+    return sheet.View(figures, (scene,), symbols, plot)
 
 
 def ask(rng: np.random.Generator) -> sheet.Asked:
@@ -72,7 +80,7 @@ LESSON = sheet.Lesson(
         sheet.NOISE, sheet.SEED,
     ),
     view,
-    (sheet.Equation("X", sheet.row("λ", "*", "R", "*", "x", "+", "X_0")),),
+    (sheet.Equation("X_1", sheet.row("λ", "*", "R", "*", "x_1", "+", "X_0")),),
     (sheet.Question("lift", "m", 0.5, ask),),
     hides_truth=True,
     order=2,

@@ -1,6 +1,7 @@
 """From film to mosaic in ten pictures: one crossroads followed through the whole chain."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,8 +22,8 @@ from core.matching.patches import object_on_ground
 from core.matching.peaks import level_and_spread
 
 # design: so magnified, arrows are seen and stay within the drawing.
-TIMES, MM_TIMES, GROUND_TIMES = 4000.0, 1500.0, 600.0
-"""Magnification of residuals of marks, of corrections, and of errors in the block."""
+TIMES, GROUND_TIMES = 4000.0, 600.0
+"""Magnification of residuals of marks, and of errors in the block."""
 # design: half a side of the block's map beyond its crossroads, so that whole photos are seen.
 MAP_RIM_M = 2000.0
 # design: 20 m on the ground; the search's rough place is seen beside the true one.
@@ -148,21 +149,20 @@ def corrections(point: FollowedPoint) -> Part:
     looks: dict[str, sheet.Look] = {
         "refraction": "estimate", "curvature": "bad", "distortion": "second", "film": "ray",
     }  # fmt: skip
-    arrows = [
-        sheet.shape("arrow", [film, film + MM_TIMES * part.film_mm[0]], looks[name], name)
-        for name, part in parts.items()
-    ]
-    edge = 1.12 * HALF_MM
-    canvas = sheet.Canvas(
-        "moved", (-edge, -edge, edge, edge),
-        (
-            sheet.shape("area", sheet.frame_of(HALF_MM), "film"),
-            sheet.shape("crosses", [(0, 0)], "axis", "origin"),
-            sheet.shape("line", [(0, 0), film], "faint"), *arrows,
-            sheet.shape("dots", [film], "given", "point", below=True),
-        ),
-        "mm",
-    )  # fmt: skip
+    ends = {name: 1000 * part.film_mm[0] for name, part in parts.items()}
+    arrows = [sheet.shape("arrow", [(0, 0), end], looks[name], name) for name, end in ends.items()]
+    edge, near = 1.12 * HALF_MM, 1.4 * max(float(np.abs(end).max()) for end in ends.values())
+    inwards = np.outer([0, -1.6 * near], film / max(float(np.hypot(*film)), 1e-9))
+    spot = sheet.shape("dots", [(0, 0)], "given")
+    frame = sheet.shape("area", sheet.frame_of(HALF_MM), "film")
+    middle = sheet.shape("crosses", [(0, 0)], "axis", "origin")
+    way = sheet.shape("line", [(0, 0), film], "faint")
+    photo = (frame, middle, way, replace(spot, points=[film.tolist()], label="point", below=True))
+    shifts = (sheet.shape("line", inwards, "axis", "inwards"), *arrows, spot)
+    canvases = (
+        sheet.Canvas("moved", (-edge, -edge, edge, edge), photo, "mm"),
+        sheet.Canvas("shifts", (-near, -near, near, near), shifts, "µm"),
+    )
     figures = {
         name: number(outward_length_um(part, film), 2, "µm", outward_length_um(truth[name], film))
         for name, part in parts.items()
@@ -180,7 +180,7 @@ def corrections(point: FollowedPoint) -> Part:
             sheet.row("2", "*", "R", "*", sheet.power("c", "2")),
         ),
     )
-    return (canvas,), figures, symbols, sheet.Equation("Δr_e", right)
+    return canvases, figures, symbols, sheet.Equation("Δr_e", right)
 
 
 def search(point: FollowedPoint) -> Part:

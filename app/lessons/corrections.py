@@ -6,7 +6,7 @@ from app.lessons import sheet
 from app.lessons.photo import HALF_MM, camera_with
 from core.arrays import Scalars
 from core.geometry.camera import radial_factor
-from core.geometry.collinearity import EARTH_RADIUS_M, refraction_constant
+from core.geometry.collinearity import BERTRAM, EARTH_RADIUS_M, refraction_constant
 from core.geometry.image_corrections import curvature_um, photo_scale, refraction_um
 
 TABLE_MM = 129.0
@@ -26,7 +26,7 @@ def moves_um(radius_mm: Scalars, state: sheet.State) -> tuple[Scalars, Scalars, 
 
 
 def view(state: sheet.State) -> sheet.View:
-    """Three curves sheet.over the radius, and their sum as arrows on the film."""
+    """Three curves over the radius, and their sum as arrows on the film."""
     radii = np.linspace(0, 160, 41)
     parts = moves_um(radii, state)
     here = [float(part[0]) for part in moves_um(np.array([state["r"]]), state)]
@@ -64,33 +64,49 @@ def view(state: sheet.State) -> sheet.View:
         "ground": sheet.Number(total / 1e6 / scale, 2, "m"),
         "scale": sheet.Number(1 / scale, 0),
     }
-    above = sheet.Number(state["H"] - state["h"], 0, "m")
     symbols = {
         "Δr_e": figures["curvature"],
-        "H_g": above,
-        "R": sheet.Number(EARTH_RADIUS_M, 0, "m"),
+        "H": sheet.Number(state["H"] / 1000, 1, "km"),
+        "h": sheet.Number(state["h"] / 1000, 2, "km"),
+        "R": sheet.Number(EARTH_RADIUS_M / 1000, 0, "km"),
+        "K": sheet.Number(1e6 * refraction_constant(state["H"], state["h"]), 1, "·10⁻⁶"),
+        "Δr_a": figures["refraction"],
     }
-    constant = sheet.Number(1e6 * refraction_constant(state["H"], state["h"]), 1, "·10⁻⁶")
-    symbols |= {"Δr_a": figures["refraction"], "K": constant}
     return sheet.View(
         figures, (film,), symbols, sheet.Plot("r", "moves", tuple(curves), (state["r"], total))
     )
 
 
 def ask_curvature(rng: np.random.Generator) -> sheet.Asked:
-    """A sheet.row of table 4.2."""
+    """A row of table 4.2, inwards."""
     c = float(rng.choice([85, 150, 210, 300]))
     scale = float(rng.choice([5000, 10000, 20000, 30000]))
     moved = curvature_um(np.array([TABLE_MM]), c, scale * c / 1000)
-    return sheet.Asked({"c": c, "scale": scale, "r": TABLE_MM}, float(moved[0]))
+    return sheet.Asked({"c": c, "scale": scale, "r": TABLE_MM}, -float(moved[0]))
 
 
+def bertram(height: str) -> sheet.Math:
+    """The air below a height in kilometres, as `refraction_constant` has it."""
+    factor, linear, constant = (f"{number:g}" for number in BERTRAM)
+    square = sheet.row(sheet.power(height, "2"), "−", linear, "*", height, "+", constant)
+    return sheet.over(sheet.row(factor, "*", height), square)
+
+
+AIR = sheet.row(
+    sheet.fence(sheet.row(bertram("H"), "−", bertram("h"), "*", sheet.over("h", "H"))),
+    "*", sheet.power("10", "−6"),
+)  # fmt: skip
+RADIAL = sheet.fence(sheet.row("r", "+", sheet.over(sheet.power("r", "3"), sheet.power("c", "2"))))
+EARTH = sheet.over(
+    sheet.row(sheet.fence(sheet.row("H", "−", "h")), "*", sheet.power("r", "3")),
+    sheet.row("2", "*", "R", "*", sheet.power("c", "2")),
+)
 LESSON = sheet.Lesson(
     "corrections",
     "b",
     (
-        sheet.Slider("H", 600, 16000, 4500, 100, "m"),
-        sheet.Slider("h", 0, 2000, 300, 50, "m"),
+        sheet.Slider("H", 600, 16000, 4500, 100, "m", "H"),
+        sheet.Slider("h", 0, 2000, 300, 50, "m", "h"),
         sheet.Slider("c", 85, 310, 152, 1, "mm", "c"),
         sheet.Slider("r", 0, 160, 130, 1, "mm", "r"),
         sheet.Slider("lens", -30, 30, 0, 1, "µm"),
@@ -98,27 +114,9 @@ LESSON = sheet.Lesson(
     ),
     view,
     (
-        sheet.Equation(
-            "Δr_a",
-            sheet.row(
-                "K",
-                "*",
-                [
-                    "fence",
-                    sheet.row("r", "+", sheet.over(sheet.power("r", "3"), sheet.power("c", "2"))),
-                ],
-            ),
-        ),
-        sheet.Equation(
-            "Δr_e",
-            sheet.row(
-                "−",
-                sheet.over(
-                    sheet.row("H_g", "*", sheet.power("r", "3")),
-                    sheet.row("2", "*", "R", "*", sheet.power("c", "2")),
-                ),
-            ),
-        ),
+        sheet.Equation("K", AIR),
+        sheet.Equation("Δr_a", sheet.row("K", "*", RADIAL)),
+        sheet.Equation("Δr_e", sheet.row("−", EARTH)),
     ),
-    (sheet.Question("curvature", "µm", 2.0, ask_curvature, 0),),
+    (sheet.Question("curvature", "µm", 2.0, ask_curvature, 0, signed=True),),
 )

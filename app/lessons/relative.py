@@ -11,6 +11,7 @@ from core.geometry.relative import (
     RayPairs,
     RelativeOrientation,
     adjust_relative,
+    coplanarity_sigma,
     parallax,
     rays_from_ideal,
 )
@@ -67,7 +68,8 @@ def view(state: sheet.State) -> sheet.View:
     )
     found = adjust_relative(rays, hand, max(3 * state["noise"], 3.0))
     shown = found if state["solve"] else hand
-    left = parallax(rays, shown)
+    # Of two coordinates that are equally good, as y on the left minus y on the right.
+    left = np.sqrt(2) * parallax(rays, shown)
     ends = first + np.column_stack([np.zeros(6), state["times"] * left / 1000])
     edge = 1.12 * HALF_MM
     canvas = sheet.Canvas(
@@ -86,9 +88,19 @@ def view(state: sheet.State) -> sheet.View:
         ),
         "mm",
     )
-    rms = float(np.sqrt(np.mean(left**2)))
-    figures = {"rms": sheet.Number(rms, 1, "µm")} | elements_of(shown, truth)
-    return sheet.View(figures, (canvas, scene(first, second, shown)))
+    rms, worst = float(np.sqrt(np.mean(left**2))), int(np.argmax(np.abs(left)))
+    figures = {
+        "rms": sheet.Number(rms, 1, "µm"), "worst": sheet.Number(worst + 1, 0),
+    } | elements_of(shown, truth)  # fmt: skip
+    symbols: dict[str, sheet.Number | sheet.Block] = {
+        "p_i": sheet.Number(float(left[worst]), 1, "µm"),
+        "u_i": sheet.block(rays.first[worst], 5),
+        "v_i": sheet.block(rays.second[worst], 5),
+        "b": sheet.block(shown.base, 5),
+        "R": sheet.block(shown.rotation, 5),
+        "σ_i": sheet.Number(1e6 * float(coplanarity_sigma(rays, shown)[worst]), 3, "·10⁻⁶/µm"),
+    }
+    return sheet.View(figures, (canvas, scene(first, second, shown)), symbols)
 
 
 def scene(first: FilmPoints, second: FilmPoints, shown: RelativeOrientation) -> sheet.Canvas:
@@ -138,13 +150,13 @@ def elements_of(shown: RelativeOrientation, truth: np.ndarray) -> dict[str, shee
 
 
 def ask(rng: np.random.Generator) -> sheet.Asked:
-    """The parallax that a small kappa makes at point 1, where nothing else does."""
+    """The parallax, left minus right, that a small kappa makes at point 1; nothing else does."""
     kappa = float(rng.integers(2, 13)) / 10
     first, second = measured(np.array([0, 0, 0, 0, kappa]), 0.0, 1)
     # Point 1 lies a base away from the second principal point.
     return sheet.Asked(
         {"kappa": kappa, "b": BASE_M / ABOVE_M * C_MM},
-        abs(1000 * float(second[0, 1] - first[0, 1])),
+        1000 * float(first[0, 1] - second[0, 1]),
     )
 
 
@@ -165,14 +177,18 @@ LESSON = sheet.Lesson(
     view,
     (
         sheet.Equation(
-            "p",
-            sheet.over(
-                sheet.row("u", "·", ["fence", sheet.row("b", "×", "R", "*", "v")]),
-                sheet.row("‖", "∇", "‖"),
+            "p_i",
+            sheet.row(
+                sheet.root("2"),
+                "*",
+                sheet.over(
+                    sheet.row("u_i", "·", sheet.fence(sheet.row("b", "×", "R", "*", "v_i"))),
+                    "σ_i",
+                ),
             ),
         ),
     ),
-    (sheet.Question("kappa", "µm", 60.0, ask, 0),),
+    (sheet.Question("kappa", "µm", 60.0, ask, 0, signed=True),),
     hides_truth=True,
     order=1,
 )

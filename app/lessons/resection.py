@@ -107,7 +107,7 @@ def view(state: sheet.State) -> sheet.View:
     return sheet.View(
         figures,
         (canvas, scene(plan, points, covariance)),
-        symbols_of(count),
+        symbols_of(count) | covariance_symbols(covariance, sigma),
         plot if fixed else None,
     )
 
@@ -169,6 +169,21 @@ def figures_of(covariance: Matrix, at_corners: np.ndarray) -> dict[str, sheet.Nu
     }
 
 
+def covariance_symbols(
+    covariance: Matrix, sigma_px: float
+) -> dict[str, sheet.Number | sheet.Block]:
+    """The covariance of the camera's place, square metres; none where nothing is known of it."""
+    place = covariance[:3, :3]
+    if not np.isfinite(place).all():
+        return {}
+    digits = max(3, 2 - int(np.floor(np.log10(np.abs(place).max()))))
+    return {
+        "Σ": sheet.block(place, digits),
+        "Q": sheet.block(place / sigma_px**2, digits),
+        "σ": sheet.Number(sigma_px, 3, "px"),
+    }
+
+
 def symbols_of(count: int) -> dict[str, sheet.Number]:
     """Numbers of the formula of redundancy."""
     return {"r": sheet.Number(2 * count - 6, 0), "n": sheet.Number(count, 0)}
@@ -193,6 +208,8 @@ def ask(rng: np.random.Generator) -> sheet.Asked:
     return sheet.Asked({"n": float(count)}, symbols_of(count)["r"].value)
 
 
+NORMAL = sheet.fence(sheet.row(sheet.power("A", "T"), "*", "A"))
+COFACTORS = sheet.power(NORMAL, "−1")
 LESSON = sheet.Lesson(
     "resection",
     "f",
@@ -210,14 +227,7 @@ LESSON = sheet.Lesson(
     view,
     (
         sheet.Equation("r", sheet.row("2", "*", "n", "−", "6")),
-        sheet.Equation(
-            "Σ",
-            sheet.row(
-                sheet.power("σ", "2"),
-                "*",
-                sheet.power(["fence", sheet.row(sheet.power("A", "T"), "*", "A")], "−1"),
-            ),
-        ),
+        sheet.Equation("Σ", sheet.row(sheet.power("σ", "2"), "*", sheet.named("Q", COFACTORS))),
     ),
     (sheet.Question("redundancy", "", 0.1, ask, 0),),
 )

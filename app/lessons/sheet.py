@@ -76,6 +76,10 @@ class Number:
     """Whether the figure itself would tell, and is hidden with the truth."""
 
 
+Block = list[list[Number]]
+"""A matrix of the formula: rows of figures; a vector is a column."""
+
+
 @dataclass(frozen=True, slots=True)
 class Equation:
     """A formula, shown with symbols and again with the present numbers."""
@@ -83,7 +87,7 @@ class Equation:
     left: str
     """The symbol it gives."""
     right: Math
-    """Made by `row`, `over`, `power` and `root`."""
+    """Made by `row`, `over`, `power`, `root`, `fence` and `named`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,8 +173,8 @@ class View:
     """By name (`figure.NAME` in the texts)."""
     canvases: tuple[Canvas, ...]
     """One or two drawings."""
-    symbols: Mapping[str, Number] = field(default_factory=dict[str, Number])
-    """Values of the formula's symbols that are no sliders."""
+    symbols: Mapping[str, Number | Block] = field(default_factory=dict[str, Number | Block])
+    """Values of the formula's symbols that are no sliders, or have another unit there."""
     plot: Plot | None = None
     """What follows, as a curve."""
     step: str = ""
@@ -194,7 +198,7 @@ class Question:
     """A question whose numbers are new each time."""
 
     name: str
-    """Its texts: `question.NAME`, `hint.NAME`."""
+    """Its texts: `question.NAME`, `hint.NAME`, and `sign.NAME` where the answer has a sign."""
     unit: str
     """Of the answer."""
     tolerance: float
@@ -203,6 +207,8 @@ class Question:
     """Draws the numbers; the answer comes from the engine."""
     digits: int = 1
     """Decimal places of the answer told in the end."""
+    signed: bool = False
+    """Whether the answer has a sign; its text `sign.NAME` says which is which."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -260,6 +266,23 @@ def power(base: Math, exponent: Math) -> Math:
 def root(inside: Math) -> Math:
     """A square root."""
     return ["root", inside]
+
+
+def fence(inside: Math) -> Math:
+    """Parts in parentheses."""
+    return ["fence", inside]
+
+
+def named(symbol: str, inside: Math) -> Math:
+    """Parts that have one value, of that symbol: the numbers show it in their place."""
+    return ["named", symbol, inside]
+
+
+def block(values: ArrayLike, digits: int, unit: str = "") -> Block:
+    """A matrix of the formula; a vector becomes a column."""
+    rows = np.asarray(values, dtype=np.float64)
+    columns = rows if rows.ndim > 1 else rows[:, None]
+    return [[Number(one, digits, unit) for one in row] for row in columns.tolist()]
 
 
 def shape(

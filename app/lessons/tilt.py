@@ -1,17 +1,30 @@
-"""A tilted photo: principal point, isocentre and nadir, the scale along the tilt, the horizon."""
+"""A tilted photo: its three points, the scale along the tilt, what tilt and relief displace."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from app.lessons import sheet, space
-from app.lessons.photo import HALF_MM, camera_with, tilted_at
-from core.arrays import FilmPoints, Scalars
+from app.lessons.photo import HALF_MM, camera_with, tilted_at, vertical_at
+from core.arrays import FilmPoints, ObjectPoints, Scalars
 from core.geometry.collinearity import film_from_object, object_from_film
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.image_corrections import isocentre_on_film, nadir_on_film
+from core.geometry.image_corrections import (
+    isocentre_on_film,
+    nadir_on_film,
+    relief_displacement_mm,
+    tilt_displacement_mm,
+)
 
 ABOVE_M = 1500.0
-"""Flying height; it only sets the size of the squares on the ground."""
+"""Flying height above the foot of the tower."""
 SIDE_M = 250.0
+LEVELS = (1, 4, 16, 64)
+"""Squares are so many times larger where the next smaller ones would be too narrow to be seen."""
+NARROW_MM = 5.0
+ALONG_M = 125 * np.sinh(np.linspace(-8, 8, 241))
+"""Places along a line of the ground, ever farther apart."""
+LINES = np.arange(-24, 25)
 FAR_M = 1e7
 
 
@@ -37,6 +50,7 @@ def view(state: sheet.State) -> sheet.View:
     scales = scale_numbers(reach[:, None] * down, exterior, c)
     shown = (scales > 0) & (scales < 6 * ABOVE_M / c * 1000)
     points = {"principal": np.zeros(2), "isocentre": iso, "nadir": nadir}
+    tower = seen_tower(state, exterior)
     edge = 1.45 * HALF_MM
     film = sheet.Canvas(
         "film",
@@ -50,6 +64,8 @@ def view(state: sheet.State) -> sheet.View:
             sheet.shape("dots", [points["nadir"]], "bad", "N"),
             sheet.shape("dots", [points["isocentre"]], "second", "I"),
             sheet.shape("dots", [points["principal"]], "estimate", "H"),
+            *(tower.shapes() if tower else ()),
+            sheet.shape("dots", [(state["x"], state["y"])], "ray", "foot", handle=("x", "y")),
         ),
         "mm",
     )
@@ -69,24 +85,130 @@ def view(state: sheet.State) -> sheet.View:
         (sheet.curve("scale", reach[shown], scales[shown]),),
         (at, figures["scale_i"].value),
     )
-    symbols = {"n": figures["nadir"], "i": found}
-    return sheet.View(figures, (scene(exterior, c), film), symbols, plot)
+    symbols = {"n": figures["nadir"], "i": found, "H": sheet.Number(ABOVE_M, 0, "m")}
+    if tower:
+        figures |= tower.figures()
+        symbols |= tower.symbols()
+    return sheet.View(figures, (scene(exterior, c, tower), film), symbols, plot)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tower:
+    """A tower on a tilted photo, and what displaces its images."""
+
+    ground: ObjectPoints
+    """Foot and top, metres."""
+    film: FilmPoints
+    """Their images, millimetres."""
+    vertical: FilmPoints
+    """Where a vertical photo from the same place shows the foot, about the same isocentre."""
+    iso: Scalars
+    """The isocentre on the film, millimetres."""
+    nadir: Scalars
+    """The nadir on the film, millimetres."""
+    azimuth: float
+    """Of the foot about the isocentre, from the line towards the horizon, radians."""
+    by_tilt: float
+    """Displacement of the foot outwards from the isocentre by the formula, millimetres."""
+    by_relief: float
+    """Displacement of the top outwards from the nadir by the formula, millimetres."""
+
+    def radius(self, place: int, origin: Scalars) -> float:
+        """Distance of an image (0 foot, 1 top) from a point of the film, millimetres."""
+        return float(np.hypot(*(self.film[place] - origin)))
+
+    def shapes(self) -> list[sheet.Shape]:
+        """Both displacements as the formulas have them; the foot of a vertical photo is truth."""
+        away = [
+            (self.film[place] - origin) / max(self.radius(place, origin), 1e-9)
+            for place, origin in enumerate((self.iso, self.nadir))
+        ]
+        foot, top = self.film
+        start, lean = foot - self.by_tilt * away[0], top - self.by_relief * away[1]
+        return [
+            sheet.shape("arrow", [start, foot], "second", "by_tilt"),
+            sheet.shape("arrow", [lean, top], "bad", "by_relief"),
+            sheet.shape("dots", self.vertical, "truth", "vertical", below=True),
+        ]
+
+    def figures(self) -> dict[str, sheet.Number]:
+        """Both displacements, with what collinearity says."""
+        foot, top = self.film
+        by_tilt = self.radius(0, self.iso) - float(np.hypot(*(self.vertical[0] - self.iso)))
+        by_relief = float(np.hypot(*(top - foot)))
+        return {
+            "by_tilt": sheet.Number(self.by_tilt, 2, "mm", by_tilt),
+            "by_relief": sheet.Number(self.by_relief, 2, "mm", by_relief),
+        }
+
+    def symbols(self) -> dict[str, sheet.Number]:
+        """Values of their formulas."""
+        figures = self.figures()
+        return {
+            "r_I": sheet.Number(self.radius(0, self.iso), 2, "mm"),
+            "α": sheet.Number(float(np.degrees(self.azimuth)), 1, "°"),
+            "r_N": sheet.Number(self.radius(1, self.nadir), 2, "mm"),
+            "Δr_t": figures["by_tilt"],
+            "Δr_h": figures["by_relief"],
+        }
+
+
+def seen_tower(state: sheet.State, exterior: ExteriorOrientation) -> Tower | None:
+    """The tower whose foot is shown at a place of the film; none in the sky or behind."""
+    c, tilt = state["c"], max(float(np.radians(state["t"])), 1e-6)
+    camera, film = camera_with(c), np.array([[state["x"], state["y"]]])
+    iso, nadir = isocentre_on_film(exterior, c), nadir_on_film(exterior, c)
+    away, up = (film - iso)[0], -nadir[0]
+    azimuth = float(np.arctan2(up[0] * away[1] - up[1] * away[0], up @ away))
+    radius = np.hypot(away[:1], away[1:])
+    if radius[0] * np.sin(tilt) * np.cos(azimuth) > 0.999 * c:
+        return None
+    foot, middle = object_from_film(np.vstack([film, iso]), np.zeros(2), exterior, camera)
+    ground = np.array([foot, foot + np.array([0, 0, state["h"]])])
+    shown = film_from_object(ground, exterior, camera)
+    if not np.isfinite(shown).all():
+        return None
+    straight = vertical_at(0.0, ABOVE_M)
+    plain = film_from_object(np.array([foot, middle]), straight, camera)
+    leans = relief_displacement_mm(
+        np.hypot(*(shown[1:] - nadir).T), np.array([state["h"]]), ABOVE_M
+    )
+    moved = tilt_displacement_mm(radius, np.array([azimuth]), tilt, c)
+    vertical = plain[:1] - plain[1:] + iso
+    return Tower(
+        ground, shown, vertical, iso[0], nadir[0], azimuth, float(moved[0]), float(leans[0])
+    )
 
 
 def ground_squares(exterior: ExteriorOrientation, c: float, edge: float) -> list[sheet.Shape]:
-    """Squares of the ground as the photo shows them."""
-    lines = np.arange(-12, 13) * SIDE_M
-    along = np.linspace(-3000, 3000, 61)
+    """Squares of the ground as the photo shows them, up to where they are too narrow."""
+    camera = camera_with(c)
     found: list[sheet.Shape] = []
-    for at in lines:
-        for x, y in ((np.full(61, at), along), (along, np.full(61, at))):
-            ground = np.column_stack([x, y, np.zeros(61)])
-            film = film_from_object(ground, exterior, camera_with(c))
-            film[np.abs(film).max(axis=1) > edge] = np.nan
-            shape = sheet.shape("line", film, "faint")
-            if len(shape.points) > 1:
-                found.append(shape)
+    for times in LEVELS:
+        side = times * SIDE_M
+        # What a larger square has as well, that draws.
+        own = LINES if times == LEVELS[-1] else LINES[LINES % 4 != 0]
+        at, along = np.meshgrid(own * side, ALONG_M, indexing="ij")
+        for order in ((0, 1), (1, 0)):
+            plan = np.stack([at, along], axis=-1)[..., order].reshape(-1, 2)
+            here, east, north = (
+                film_from_object(
+                    np.column_stack([plan + step, np.zeros(len(plan))]), exterior, camera
+                )
+                for step in (np.zeros(2), np.array([side, 0]), np.array([0, side]))
+            )
+            gaps = [np.linalg.norm(one - here, axis=1) for one in (east, north)]
+            # Beyond the drawing, so that a line ends nowhere within it.
+            seen = (np.minimum(*gaps) > NARROW_MM) & (np.abs(here).max(axis=1) < 3 * edge)
+            rows = np.where(seen[:, None], here, np.nan).reshape(*at.shape, 2)
+            found += [one for one in map(straight_line, rows) if one is not None]
     return found
+
+
+def straight_line(film: FilmPoints) -> sheet.Shape | None:
+    """The line through film points that lie on one; none where fewer than two are seen."""
+    kept = film[np.isfinite(film).all(axis=1)]
+    return sheet.shape("line", kept[[0, -1]], "faint") if len(kept) > 1 else None
 
 
 def horizon(
@@ -101,8 +223,8 @@ def horizon(
     return [sheet.shape("line", [film - 2 * edge * axis, film + 2 * edge * axis], "ray", "horizon")]
 
 
-def scene(exterior: ExteriorOrientation, c: float) -> sheet.Canvas:
-    """The photo above level ground, with plumb line, axis, and the line between them."""
+def scene(exterior: ExteriorOrientation, c: float, tower: Tower | None) -> sheet.Canvas:
+    """The photo above level ground, with plumb line, axis, the line between them, and the tower."""
     # The film is drawn far larger than the ground, or nothing of it would be seen.
     times = 0.5 * ABOVE_M / HALF_MM * 1000
     film = np.concatenate(
@@ -128,8 +250,17 @@ def scene(exterior: ExteriorOrientation, c: float) -> sheet.Canvas:
             *space.ground(-12 * SIDE_M, -12 * SIDE_M, 12 * SIDE_M, 12 * SIDE_M),
             *space.photo(exterior, c, times, "O"),
             *lines,
+            *(tower_in_space(tower, exterior) if tower else ()),
         ),
     )
+
+
+def tower_in_space(tower: Tower, exterior: ExteriorOrientation) -> list[sheet.Shape]:
+    """The tower and the rays of its foot and top."""
+    return [
+        *space.rays(exterior.centre, tower.ground),
+        sheet.shape("line", tower.ground, "given", "tower"),
+    ]
 
 
 def ask(rng: np.random.Generator) -> sheet.Asked:
@@ -139,6 +270,7 @@ def ask(rng: np.random.Generator) -> sheet.Asked:
     return sheet.Asked({"c": c, "t": tilt}, float(np.hypot(*nadir[0])))
 
 
+ALONG = ("*", "sin", "t", "*", "cos", "α")
 LESSON = sheet.Lesson(
     "tilt",
     "c",
@@ -146,11 +278,26 @@ LESSON = sheet.Lesson(
         sheet.Slider("t", 0, 60, 20, 0.5, "°", "t"),
         sheet.Slider("direction", 0, 355, 0, 5, "°"),
         sheet.Slider("c", 85, 310, 152, 1, "mm", "c"),
+        sheet.Slider("h", 0, 500, 200, 10, "m", "h"),
+        sheet.Slider("x", -115, 115, 70, 1, "mm", moved_in="film"),
+        sheet.Slider("y", -115, 115, 60, 1, "mm", moved_in="film"),
     ),
     view,
     (
         sheet.Equation("n", sheet.row("c", "*", "tan", "t")),
         sheet.Equation("i", sheet.row("c", "*", "tan", sheet.over("t", "2"))),
+        sheet.Equation(
+            "Δr_t",
+            sheet.row(
+                "−",
+                sheet.over(
+                    sheet.row(sheet.power("r_I", "2"), *ALONG),
+                    sheet.row("c", "−", "r_I", *ALONG),
+                ),
+            ),
+        ),
+        sheet.Equation("Δr_h", sheet.over(sheet.row("r_N", "*", "h"), "H")),
     ),
     (sheet.Question("nadir", "mm", 0.3, ask),),
+    hides_truth=True,
 )

@@ -24,9 +24,14 @@ def teach(given: argparse.Namespace, voice: Voice) -> None:
         for name in found:
             voice.say(voice.tell("teach.line", name=name, title=told[f"lesson.{name}.title"]))
         return
-    with open_teaching(found, given.host, given.port, given.language) as page:
-        url = f"{page.url}&lesson={given.lesson}" if given.lesson else page.url
+    with open_teaching(
+        found, given.host, given.port, given.language, hide_truth=given.hide_truth
+    ) as page:
+        chosen = f"&lesson={given.lesson}" if given.lesson else ""
+        url = f"{page.url}{chosen}"
         voice.say(voice.tell("teach.open", url=url))
+        hidden = "teach.students.hidden" if given.hide_truth else "teach.students"
+        voice.say(voice.tell(hidden, url=f"{page.guest_url}{chosen}"))
         if not given.no_browser:
             webbrowser.open(url)
         page.wait()

@@ -2,6 +2,7 @@
 
 import csv
 import errno
+import io
 import json
 import os
 import re
@@ -10,7 +11,7 @@ from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -177,8 +178,19 @@ def write_rows(path: Path, rows: Iterable[Sequence[object]], above: Sequence[str
     """
     with path.open("w", encoding="utf-8", newline="") as stream:
         stream.writelines(f"{line}\n" for line in above)
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerows([guarded(cell) for cell in row] for row in rows)
+        _put_rows(stream, rows)
+
+
+def spreadsheet_bytes(rows: Iterable[Sequence[object]]) -> bytes:
+    """The same table with the mark at its beginning by which Excel knows UTF-8."""
+    stream = io.StringIO(newline="")
+    _put_rows(stream, rows)
+    return stream.getvalue().encode("utf-8-sig")
+
+
+def _put_rows(stream: TextIO, rows: Iterable[Sequence[object]]) -> None:
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerows([guarded(cell) for cell in row] for row in rows)
 
 
 def guarded(cell: object) -> object:

@@ -62,6 +62,24 @@ def ground_displacement_m(
     return radius_mm / principal_distance_mm * height_error_m
 
 
+def tilt_displacement_mm(
+    radius_mm: Scalars, azimuth: Scalars, tilt: float, principal_distance_mm: float
+) -> Scalars:
+    """Dr = -r^2 sin t cos a / (c - r sin t cos a): what a tilt does to an image point.
+
+    Outwards from the isocentre, along which directions are those of a vertical photo from the
+    same place: collinearity in polar coordinates there. The horizon is where r cos a is c / sin t.
+
+    Args:
+        radius_mm: r, distance of the image on the tilted photo from the isocentre.
+        azimuth: a, its direction there from the line towards the horizon, radians.
+        tilt: t, between axis and plumb line, radians.
+        principal_distance_mm: c, millimetres.
+    """
+    along = radius_mm * np.sin(tilt) * np.cos(azimuth)
+    return -radius_mm * along / (principal_distance_mm - along)
+
+
 def image_motion_mm(
     speed_km_h: float, exposure_s: float, principal_distance_mm: float, above_ground_m: float
 ) -> float:

@@ -112,7 +112,7 @@ def parallax(rays: RayPairs, orientation: RelativeOrientation) -> Scalars:
 
     It is signed; its deviation is 1 when that of every coordinate is 1 px.
     """
-    return _coplanarity(rays, orientation) / _gradient(rays, orientation)
+    return coplanarity(rays, orientation) / coplanarity_sigma(rays, orientation)
 
 
 def orient_relative(
@@ -218,13 +218,13 @@ def model_depths(rays: RayPairs, orientation: RelativeOrientation) -> tuple[Scal
     return (vv * ub - uv * vb) / determinant, (uv * ub - uu * vb) / determinant
 
 
-def _coplanarity(rays: RayPairs, orientation: RelativeOrientation) -> Scalars:
-    """The product u . (b x R v) of every match."""
+def coplanarity(rays: RayPairs, orientation: RelativeOrientation) -> Scalars:
+    """The product u . (b x R v) of every match: nought where its rays meet."""
     turned = rays.second @ orientation.rotation.T
     return np.sum(np.cross(turned, rays.first) * orientation.base, axis=1)
 
 
-def _gradient(rays: RayPairs, orientation: RelativeOrientation) -> Scalars:
+def coplanarity_sigma(rays: RayPairs, orientation: RelativeOrientation) -> Scalars:
     """Standard deviation of the coplanarity when every coordinate's is one pixel."""
     essential = _skew(orientation.base) @ orientation.rotation
     by_first = (rays.second @ essential.T)[:, :2] * rays.pixel_angles[0]
@@ -259,12 +259,12 @@ def _step(
     rays: RayPairs, orientation: RelativeOrientation, weights: Scalars
 ) -> tuple[RelativeOrientation, float]:
     """One step in the three rotations and the two directions of the base."""
-    gradient = _gradient(rays, orientation)
+    gradient = coplanarity_sigma(rays, orientation)
     turned = rays.second @ orientation.rotation.T
     by_base = np.cross(turned, rays.first) @ _tangents(orientation.base)
     by_angles = np.cross(rays.second, np.cross(rays.first, orientation.base) @ orientation.rotation)
     design = np.hstack([by_angles, by_base]) / gradient[:, None]
-    misclosure = _coplanarity(rays, orientation) / gradient
+    misclosure = coplanarity(rays, orientation) / gradient
     normal = design.T @ (design * weights[:, None])
     # A whisper of damping: flat ground leaves one direction all but undetermined.
     # design: far below what any match says.

@@ -1,7 +1,13 @@
 """The verb `teach`: its lessons, a teacher's own, states and answers, and wrong use."""
 
+import csv
+import json
 import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+from urllib import request
 
 import pytest
 
@@ -74,6 +80,46 @@ def test_a_file_that_is_no_lesson_is_named_with_its_cause__law(
     assert why in told
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        (
+            '    "shadow",\n    "x",',
+            '    "relief",\n    "x",',
+            "name of a lesson of Gruber, relief",
+        ),
+        ('    "slider.sun": "Height of the sun",\n', "", "lacks texts (en): slider.sun"),
+        (
+            '    "hint.height": "Height over shadow',
+            '    "hint.h": "Height over shadow',
+            "hint.height",
+        ),
+        ('    "figure.shadow": "Shadow on the film",\n', "", "lacks texts (en): figure.shadow"),
+        ('texts={"en": TEXTS}', 'texts={"en": TEXTS, "cs": {"title": "Stín"}}', "(cs): axis.s"),
+        ('    texts={"en": TEXTS},\n', "", "lacks texts (en): axis.s"),
+    ],
+)
+def test_a_lesson_that_hides_another_or_lacks_words_is_refused__law(
+    own: Path, old: str, new: str, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One message with file, cause and remedy."""
+    text = own.read_text(encoding="utf-8")
+    assert old in text
+    own.write_text(text.replace(old, new), encoding="utf-8")
+    assert main(["teach", "--own", str(own), "--list"]) == 1
+    said = capsys.readouterr().err
+    assert str(own) in said
+    assert told in " ".join(said.split())
+    assert "of its LESSON" in said or "Give its LESSON another name" in said
+
+
+def test_a_lesson_in_one_language_is_shown_in_it__law(own: Path) -> None:
+    text = own.read_text(encoding="utf-8").replace('texts={"en"', 'texts={"cs"')
+    own.write_text(text, encoding="utf-8")
+    words = Teacher(find_lessons(own)).listed("en")["words"]
+    assert words["lesson.shadow.title"] == "Shadows tell heights"
+
+
 @pytest.mark.parametrize("asked", [["--list"], ["--lesson", "relief"]])
 def test_a_missing_file_is_named__law(asked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["teach", "--own", "nowhere.py", *asked]) == 1
@@ -108,6 +154,80 @@ def test_a_question_has_the_same_numbers_for_the_same_seed__law() -> None:
 
 def test_what_is_not_finite_is_sent_as_nothing__law() -> None:
     assert plain({"a": math.nan, "b": [1.0, math.inf]}) == {"a": None, "b": [1.0, None]}
+
+
+def attempt(answer: float | None, **other: object) -> dict[str, object]:
+    """An answer as the page keeps it."""
+    own = {"lesson": "corrections", "which": 0, "seed": 4, "when": "2026-01-02T03:04:05.000Z",
+           "state": {"H": 4500, "r": 130.5}}  # fmt: skip
+    return {**own, "answer": answer, **other}
+
+
+def rows_of(table: bytes) -> list[dict[str, str]]:
+    """The table as a spreadsheet reads it: its mark says UTF-8."""
+    assert table.startswith(b"\xef\xbb\xbf")
+    return list(csv.DictReader(table.decode("utf-8-sig").splitlines()))
+
+
+def test_each_attempt_has_a_row_with_what_was_right__law() -> None:
+    teacher = Teacher(find_lessons())
+    right = teacher.judge("corrections", 0, 4, None)["answer"]
+    rows = rows_of(teacher.table("Žofie Dvořáková", [attempt(1e6), attempt(right), attempt(None)]))
+    assert [row["result"] for row in rows] == ["wrong", "right", "given up"]
+    assert {row["student"] for row in rows} == {"Žofie Dvořáková"}
+    first, asked = rows[0], teacher.question("corrections", 0, 4)["values"]
+    assert first["when"] == "2026-01-02T03:04:05.000Z"
+    assert (first["lesson"], first["question"], first["seed"]) == ("corrections", "curvature", "4")
+    assert first["asked"] == " ".join(f"{name}={value:g}" for name, value in asked.items())
+    assert (float(first["answer"]), rows[2]["answer"]) == (1e6, "")
+    assert float(first["right_answer"]) == pytest.approx(right, abs=0.005)
+    assert (first["unit"], first["tolerance"]) == ("µm", "2.0")
+    assert first["sliders"] == "H=4500 r=130.5"
+
+
+def test_no_spreadsheet_runs_what_a_student_wrote__law() -> None:
+    """Name, lesson and sliders come from the browser, and may be made up."""
+    evil = '=HYPERLINK("http://x.example";"a")'
+    row = rows_of(
+        Teacher(find_lessons()).table(
+            evil, [attempt(1, lesson=evil, when="@SUM(A1)", state={"=1+1": "+cmd|'/c calc'!A0"})]
+        )
+    )[0]
+    assert not [cell for cell in row.values() if cell.startswith(("=", "@", "+", "\t"))]
+    assert row["student"] == f"'{evil}"
+    assert row["right_answer"] == ""
+
+
+def test_students_come_by_their_own_address_and_see_no_hidden_truth__law() -> None:
+    """Of all lessons, whatever the page asks for; the teacher's address shows it."""
+    asked = {"state": {}, "truth": True}
+    for hide in (False, True):
+        with open_teaching(find_lessons(), "127.0.0.1", 0, hide_truth=hide) as page:
+            for url, shown in ((page.url, True), (page.guest_url, not hide)):
+                with visitor(url) as (get, post):
+                    view = post("/lesson/stereo", asked)
+                    assert ("height" in view["figures"]) is shown
+                    looks = {s["look"] for c in view["canvases"] for s in c["shapes"]}
+                    assert ("truth" in looks) is shown
+                    listed = get("/lessons/en")["lessons"]
+                    assert any(one["truth"] for one in listed) is shown
+                    assert get("/start")["invitation"] == page.guest_url
+
+
+@contextmanager
+def visitor(url: str) -> Iterator[tuple[Callable[..., Any], Callable[..., Any]]]:
+    """A browser that came by an address: what it gets and posts."""
+    jar = request.HTTPCookieProcessor()
+    browser = request.build_opener(jar)
+    browser.open(url).close()
+    home = url.split("/?")[0]
+
+    def ask(path: str, body: object = None) -> Any:
+        data = None if body is None else json.dumps(body).encode()
+        with browser.open(request.Request(home + path, data)) as answer:
+            return json.load(answer)
+
+    yield ask, ask
 
 
 def test_the_page_opens_at_an_address_with_a_token__law() -> None:

@@ -1,5 +1,6 @@
 """The lessons in a browser: each opened, moved, and its question answered wrong and right."""
 
+import csv
 import re
 from urllib.parse import urlencode
 
@@ -225,16 +226,93 @@ def test_two_students_have_a_state_each__law(learn):
     assert other.locator("#about h1").inner_text().startswith("Radiální posun")
 
 
-def test_answers_are_saved_as_a_table__law(learn):
+def test_answers_are_saved_as_a_table_for_excel__law(learn):
     page, _ = learn("relief")
+    page.locator("#slider-h").fill("20")
+    settled(page)
     answer_wrong_and_right(page, Teacher(LESSONS), "relief")
-    page.on("dialog", lambda dialog: dialog.accept('Anna "A"'))
+    page.on("dialog", lambda dialog: dialog.accept('=Žofie "A"'))
     with page.expect_download() as saved:
         page.locator("#answers-save").click()
-    lines = saved.value.path().read_text(encoding="utf-8").splitlines()
-    assert lines[0] == "when,student,lesson,question,asked,answer,right,tries"
-    assert '"Anna ""A""","relief","height"' in lines[1]
-    assert lines[1].endswith('"true","2"')
+    whole = saved.value.path().read_bytes()
+    assert whole.startswith(b"\xef\xbb\xbf")
+    rows = list(csv.DictReader(whole.decode("utf-8-sig").splitlines()))
+    assert [row["result"] for row in rows] == ["wrong", "right"]
+    assert rows[0]["student"] == '\'=Žofie "A"'
+    assert float(rows[0]["answer"]) == -987654
+    assert "h=20" in rows[0]["sliders"]
+    assert rows[0]["right_answer"] == rows[1]["right_answer"]
+
+
+@pytest.mark.parametrize("hide", [False, True])
+def test_a_copied_link_lets_a_student_in_who_sees_no_hidden_truth__law(sit_at, hide):
+    with open_teaching(LESSONS, "127.0.0.1", 0, hide_truth=hide) as opened:
+        page = sit_at(f"{opened.url}&lesson=stereo", scene=False, ready=READY)
+        assert page.locator("#truth").count() == 1
+        page.locator("#slider-B").fill("1200")
+        page.locator("#truth").click()
+        page.wait_for_selector("[data-figure=height] em")
+        page.evaluate(
+            "Object.defineProperty(navigator, 'clipboard', { value: "
+            "{ writeText: async (text) => { window.copied = text; } } })"
+        )
+        page.locator("#link-copy").click()
+        page.wait_for_function("window.copied")
+        link = page.evaluate("window.copied")
+        assert opened.token not in link
+        # Another machine, which has no cookie yet.
+        student = sit_at(link, scene=False, ready=READY)
+        assert student.evaluate("gruber.state.values.B") == 1200
+        assert student.locator("#truth").count() == (0 if hide else 1)
+        assert student.locator("[data-figure=height]").count() == (0 if hide else 1)
+
+
+def test_the_right_amount_with_the_wrong_sign_is_told_as_such__law(learn):
+    page, _ = learn("corrections")
+    assert "inwards as \u2212" in page.locator("#question .asked").inner_text()
+    with page.expect_request(re.compile("/answer$")) as asked:
+        page.locator("#answer").fill("987654")
+        page.locator("#check").click()
+    sent = asked.value.post_data_json
+    truth = Teacher(LESSONS).judge("corrections", sent["which"], sent["seed"], None)["answer"]
+    page.locator("#answer").fill(f"{-truth + 2:.2f}")
+    page.locator("#check").click()
+    page.wait_for_function("document.getElementById('said').textContent.includes('amount')")
+    page.locator("#answer").fill(f"\u2212{-truth:.2f}")
+    page.locator("#check").click()
+    page.wait_for_selector("#said.right")
+
+
+TEXTS = """() => [...document.querySelectorAll('.drawing svg, #plot svg')].flatMap((sheet) => {
+  const room = sheet.getBoundingClientRect();
+  const texts = [...sheet.querySelectorAll('text')].map((e) => [e.textContent,
+    e.getBoundingClientRect()]);
+  const cut = texts.filter(([, b]) => b.left < room.left - 1 || b.right > room.right + 1
+    || b.top < room.top - 1 || b.bottom > room.bottom + 1).map(([text]) => `${text} is cut`);
+  const over = texts.flatMap(([text, b], place) => texts.slice(place + 1).filter(([, c]) =>
+    Math.min(b.right, c.right) - Math.max(b.left, c.left) > 2
+    && Math.min(b.bottom, c.bottom) - Math.max(b.top, c.top) > 3)
+    .map(([other]) => `${text} lies over ${other}`));
+  return [...cut, ...over]; })"""
+"""Words of drawings and plots that are cut, or of which one lies over another."""
+
+
+@pytest.mark.parametrize("language", ["en", "cs"])
+def test_no_word_of_a_drawing_or_plot_is_cut_or_covered__law(learn, language):
+    page, wrong = learn("chain", language=language, size={"width": 1366, "height": 768})
+    for step in range(1, 11):
+        for point in (1, 7):
+            page.locator("#slider-point").fill(str(point))
+            page.locator("#slider-step").fill(str(step))
+            settled(page)
+            assert page.evaluate(TEXTS) == [], (step, point)
+    for name in LESSONS:
+        page.click(f'[data-lesson="{name}"]')
+        settled(page)
+        assert page.evaluate(TEXTS) == [], name
+        room = page.locator("#formulas")
+        assert room.evaluate("e => e.scrollHeight <= e.clientHeight + 1"), name
+    assert wrong == []
 
 
 @pytest.mark.parametrize("theme", ["dark", "light"])

@@ -16,6 +16,8 @@ from aiohttp.typedefs import Handler, Middleware
 GUEST = web.RequestKey("gruber.guest", bool)
 LOOPBACK = frozenset({"localhost", "127.0.0.1", "::1"})
 ANYWHERE = frozenset({"0.0.0.0", "::", ""})
+ELSEWHERE = ("192.0.2.1", 9)
+"""An address that is nobody's (RFC 5737)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +47,12 @@ class Access:
         return f"http://{host}:{port}/?token={self.token}"
 
     def guest_url(self, port: int) -> str:
-        """The address for those who may look and decide nothing."""
-        return self.url(port).replace(self.token, self.guest_token)
+        """The address for those who may look and decide nothing.
+
+        Where other machines are answered too, it names this one as they see it.
+        """
+        url = self.url(port).replace(self.token, self.guest_token)
+        return url.replace("//127.0.0.1:", f"//{network_name()}:") if self.host in ANYWHERE else url
 
     def guard(self) -> Middleware:
         """The middleware that every request passes first."""
@@ -111,6 +117,17 @@ HEADERS = {
 def is_guest(request: web.Request) -> bool:
     """True when a request may look and not decide."""
     return request.get(GUEST, True)
+
+
+def network_name() -> str:
+    """The address by which the network knows this machine; its name where there is no network."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as door:
+        try:
+            # Nothing is sent: the system only says which of its addresses it would send from.
+            door.connect(ELSEWHERE)
+        except OSError:
+            return socket.gethostname()
+        return door.getsockname()[0]
 
 
 def _is_address(name: str) -> bool:

@@ -20,6 +20,8 @@ interface Start {
   edition: string;
   seat: string;
   guest: boolean;
+  /** Of the lessons: the address that lets a student in. */
+  invitation: string;
   language: string;
   words: Record<string, string>;
   /** What the engine says, by the English sentence; empty in English. */
@@ -795,6 +797,8 @@ interface Window {
 
 /** The page of lessons, as `app/teaching.py` tells it. */
 interface LessonNumber { value: number | null; digits: number; unit: string; truth: number | null }
+/** Of a symbol: a number, or a matrix. */
+type LessonValue = (LessonNumber & { hue?: number }) | LessonNumber[][];
 type LessonMath = string | [string, ...LessonMath[]];
 interface Equation { left: string; right: LessonMath }
 interface LessonSlider {
@@ -817,6 +821,24 @@ interface Lesson {
   questions: string[];
   /** Whether something was put in that can be hidden. */
   truth: boolean;
+}
+/** A question with its numbers. */
+interface LessonAsked {
+  name: string;
+  values: Record<string, number>;
+  unit: string;
+  /** Whether its answer has a sign. */
+  signed: boolean;
+}
+/** An answer as the page keeps it; null is given up. */
+interface LessonAttempt {
+  when: string;
+  lesson: string;
+  which: number;
+  seed: number;
+  answer: number | null;
+  right: boolean;
+  state: Record<string, number>;
 }
 interface LessonShape {
   kind: "line" | "area" | "dots" | "crosses" | "arrow" | "text";
@@ -846,7 +868,7 @@ interface LessonPlot {
 interface LessonView {
   figures: Record<string, LessonNumber>;
   canvases: LessonCanvas[];
-  symbols: Record<string, LessonNumber>;
+  symbols: Record<string, LessonNumber | LessonNumber[][]>;
   plot: LessonPlot | null;
   /** Of a lesson in steps: what its texts are called, and its own formulas. */
   step: string;

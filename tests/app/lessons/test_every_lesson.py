@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from app.lessons import sheet, space
+from app.lessons import relative, sheet, space
 from app.lessons.photo import camera_with, photo_model, tilted_at, vertical_at
 from app.lessons.sheet import LessonError
-from app.teaching import Teacher, find_lessons, plain, state_of
+from app.teaching import Teacher, find_lessons, plain, state_of, text_keys
 from core.geometry.collinearity import film_from_object, object_from_film, refraction_constant
 from core.geometry.image_corrections import (
     curvature_um,
@@ -14,6 +14,7 @@ from core.geometry.image_corrections import (
     refraction_um,
     relief_displacement_mm,
 )
+from core.geometry.relative import RayPairs, parallax, rays_from_ideal
 from ui.words.catalogue import LANGUAGES
 
 pytestmark = pytest.mark.usefixtures("teaching_cache")
@@ -34,7 +35,8 @@ def test_a_moved_slider_leaves_every_figure_finite__law(name: str, which: str) -
     seen = []
     for value in moved(lesson, slider):
         view = lesson.view(lesson.start | {which: float(value)})
-        numbers = [*view.figures.values(), *view.symbols.values()]
+        blocks = [one if isinstance(one, list) else [[one]] for one in view.symbols.values()]
+        numbers = [*view.figures.values(), *(one for rows in blocks for row in rows for one in row)]
         # Without redundancy nothing tells sigma nought.
         free = "r" in view.symbols and view.symbols["r"].value == 0
         unknown = [view.figures["sigma_nought"]] if free and name == "least_squares" else []
@@ -54,26 +56,9 @@ def test_the_same_state_shows_the_same__law(name: str) -> None:
 
 @pytest.mark.parametrize("name", LESSONS)
 def test_every_text_of_a_lesson_is_there__law(name: str) -> None:
-    lesson = LESSONS[name]
-    views = [lesson.view(lesson.start)]
-    views += [lesson.view(lesson.start | {one.name: float(one.high)}) for one in lesson.sliders]
-    if "step" in lesson.start:
-        steps = next(one for one in lesson.sliders if one.name == "step")
-        numbers = np.arange(steps.low, steps.high + 1)
-        views += [lesson.view(lesson.start | {"step": float(number)}) for number in numbers]
-    keys = {"title", "idea", "try", "source"}
-    keys |= {f"slider.{slider.name}" for slider in lesson.sliders}
-    for question in lesson.questions:
-        keys |= {f"question.{question.name}", f"hint.{question.name}"}
-    for view in views:
-        keys |= {f"{part}.{view.step}" for part in ("step", "source_of") if view.step}
-        keys |= {f"figure.{one}" for one in view.figures}
-        for canvas in view.canvases:
-            keys |= {f"canvas.{canvas.name}"}
-            keys |= {f"label.{shape.label}" for shape in canvas.shapes if shape.label}
-        if view.plot is not None:
-            keys |= {f"axis.{view.plot.x}", f"axis.{view.plot.y}"}
-            keys |= {f"curve.{one.name}" for one in view.plot.curves}
+    keys = text_keys(LESSONS[name])
+    view = LESSONS[name].view(LESSONS[name].start)
+    keys |= {f"label.{one.label}" for c in view.canvases for one in c.shapes if one.label}
     for language in LANGUAGES:
         told = Teacher(LESSONS).listed(language)["words"]
         assert {key for key in keys if f"lesson.{name}.{key}" not in told} == set()
@@ -90,17 +75,64 @@ def test_a_question_takes_its_answer_and_no_other__law(name: str) -> None:
             wrong = teacher.judge(name, which, seed, away)
             assert not wrong["right"]
             assert "answer" not in wrong
+            # The right amount with the other sign is told as such.
+            other = teacher.judge(name, which, seed, -truth)
+            assert other["right"] or other["opposite"]
 
 
-def test_hidden_truth_is_not_sent__law() -> None:
+def test_curvature_moves_inwards_and_its_question_says_so__paper() -> None:
+    """Table 4.2 has amounts; of the lesson's figure and of the answer the sign is the same."""
     teacher = Teacher(LESSONS)
-    hidden = teacher.view("stereo", {}, False)
-    assert "height" not in hidden["figures"]
-    assert not [s for c in hidden["canvases"] for s in c["shapes"] if s["look"] == "truth"]
-    shown = teacher.view("stereo", {}, True)
-    assert shown["figures"]["height"]["truth"] == pytest.approx(
-        shown["figures"]["height"]["value"], abs=4 * shown["figures"]["sigma_z"]["value"]
+    for seed in range(20):
+        asked = teacher.question("corrections", 0, seed)
+        truth = teacher.judge("corrections", 0, seed, None)["answer"]
+        assert asked["signed"]
+        assert truth < 0
+        assert teacher.judge("corrections", 0, seed, truth)["right"]
+        if abs(truth) > LESSONS["corrections"].questions[0].tolerance:
+            assert teacher.judge("corrections", 0, seed, -truth)["opposite"]
+    for language in LANGUAGES:
+        words = teacher.listed(language)["words"]
+        for name, lesson in LESSONS.items():
+            signs = [f"lesson.{name}.sign.{one.name}" for one in lesson.questions if one.signed]
+            assert all("+" in words[sign] or "minus" in words[sign] for sign in signs)
+
+
+def test_the_parallax_shown_is_that_of_the_question__law() -> None:
+    """A kappa alone: y on the left minus y on the right at point 1, in the drawing as well."""
+    kappa = LESSONS["relative"].questions[0].ask(np.random.default_rng(3))
+    first, second = relative.measured(np.array([0, 0, 0, 0, kappa.values["kappa"]]), 0.0, 1)
+    rays = RayPairs(
+        rays_from_ideal(first, relative.C_MM),
+        rays_from_ideal(second, relative.C_MM),
+        (relative.UM_ANGLE, relative.UM_ANGLE),
     )
+    level = relative.orientation_of(0, 0, np.zeros(3))
+    drawn = np.sqrt(2) * parallax(rays, level)[0]
+    assert drawn == pytest.approx(kappa.answer, rel=1e-3)
+
+
+def told_truths(value: object) -> list[object]:
+    """Whatever in an answer to the page says what was put in."""
+    if isinstance(value, dict):
+        own = [value] if value.get("truth") is not None or value.get("look") == "truth" else []
+        return own + [one for part in value.values() for one in told_truths(part)]
+    if isinstance(value, list):
+        return [one for part in value for one in told_truths(part)]
+    return []
+
+
+@pytest.mark.parametrize("name", LESSONS)
+def test_hidden_truth_is_not_sent__law(name: str) -> None:
+    teacher, lesson = Teacher(LESSONS), LESSONS[name]
+    steps = [one for one in lesson.sliders if one.name == "step"]
+    states = [{"step": float(k)} for one in steps for k in range(1, int(one.high) + 1)] or [{}]
+    shown = []
+    for state in states:
+        assert told_truths(teacher.view(name, state, False)) == []
+        shown += told_truths(teacher.view(name, state, True))
+    assert bool(shown) == lesson.hides_truth
+    assert "height" not in teacher.view("stereo", {}, False)["figures"]
 
 
 def figure(name: str, key: str, **state: float) -> float:

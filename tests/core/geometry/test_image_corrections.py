@@ -15,9 +15,14 @@ from core.geometry.collinearity import (
     Atmosphere,
     atmosphere_of,
     film_from_object,
+    object_from_film,
     refraction_constant,
 )
-from core.geometry.exterior import ExteriorOrientation
+from core.geometry.exterior import (
+    ExteriorOrientation,
+    angles_from_rotation,
+    rotation_from_angles,
+)
 from core.geometry.image_corrections import (
     curvature_um,
     ground_displacement_m,
@@ -32,6 +37,7 @@ from core.geometry.image_corrections import (
     shrinkage_factor,
     special_points,
     tangential_mm,
+    tilt_displacement_mm,
 )
 from core.geometry.interior import InteriorOrientation, fit_interior, nominal_interior
 from core.geometry.resection import PhotoModel
@@ -132,6 +138,29 @@ def test_relief_displacement_is_what_collinearity_gives__law():
     )
     leaning = relief_displacement_mm(r_top, np.array([50.0]), 3000.0)
     assert r_top - r_foot == pytest.approx(leaning, rel=1e-9)
+
+
+@pytest.mark.parametrize("direction", [0.0, 1.1, 4.0])
+@pytest.mark.parametrize("tilt_deg", [0.5, 12.0, 50.0])
+def test_tilt_displacement_is_what_collinearity_gives__truth(tilt_deg, direction):
+    """Rays of a tilted photo, seen by a vertical one from the same place, about the isocentre."""
+    tilt, c = float(np.radians(tilt_deg)), 152.0
+    turn = rotation_from_angles(0.0, 0.0, direction)
+    leaning = turn @ rotation_from_angles(0.0, -tilt, 0.0) @ turn.T
+    centre = np.array([0.0, 0.0, 1500.0])
+    tilted = ExteriorOrientation(centre, *angles_from_rotation(leaning))
+    vertical = ExteriorOrientation(centre, 0.0, 0.0, 0.0)
+    camera = Camera("lesson", c, (230.0, 230.0))
+    film = np.array([[60.0, 40.0], [-90.0, 10.0], [5.0, -80.0]])
+    iso, nadir = isocentre_on_film(tilted, c), nadir_on_film(tilted, c)[0]
+    ground = object_from_film(np.vstack([film, iso]), np.zeros(4), tilted, camera)
+    straight = film_from_object(ground, vertical, camera)
+    away, plain = film - iso, straight[:3] - straight[3]
+    azimuth = np.arctan2(away[:, 1], away[:, 0]) - np.arctan2(-nadir[1], -nadir[0])
+    radius = np.hypot(*away.T)
+    seen = radius * np.sin(tilt) * np.cos(azimuth) < c
+    told = tilt_displacement_mm(radius, azimuth, tilt, c)
+    assert told[seen] == pytest.approx((radius - np.hypot(*plain.T))[seen], abs=1e-9)
 
 
 def test_a_dem_that_is_too_high_moves_a_point_towards_the_nadir__truth():

@@ -2,12 +2,13 @@
 
 import asyncio
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
 
-from ui.web.access import Access, is_guest, lasting_token
+from ui.web.access import Access, is_guest, lasting_token, network_name
 
 
 def test_addresses_carry_the_token_and_guests_get_another__law():
@@ -16,6 +17,15 @@ def test_addresses_carry_the_token_and_guests_get_another__law():
     assert "secret-token" not in access.guest_url(8765)
     assert access.guest_token in access.guest_url(8765)
     assert Access("localhost", "other").cookie != access.cookie
+
+
+def test_guests_of_the_network_get_an_address_they_can_reach__law():
+    """Of this machine as others see it, at which the desk answers; at home all stays at home."""
+    access = Access("0.0.0.0", "secret-token")
+    guests = urlsplit(access.guest_url(8765))
+    assert guests.hostname == network_name()
+    assert access.host_is_ours(guests.netloc)
+    assert Access("127.0.0.1").guest_url(1).startswith("http://127.0.0.1:1/")
 
 
 @pytest.mark.parametrize(

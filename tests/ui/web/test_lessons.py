@@ -6,6 +6,8 @@ from core.errors import ScanError
 from tests.ui.web.visits import visited
 from ui.web.lessons import MOST_SLIDERS, lesson_routes
 
+ATTEMPT = {"lesson": "relief", "which": 0, "seed": 1, "when": "now", "state": {}, "answer": None}
+
 
 class Teacher:
     """Remembers what it was asked."""
@@ -13,8 +15,8 @@ class Teacher:
     def __init__(self) -> None:
         self.asked: list[object] = []
 
-    def listed(self, language):
-        return {"lessons": [], "words": {"language": language}}
+    def listed(self, language, truth):
+        return {"lessons": [], "words": {"language": language}, "truth": truth}
 
     def view(self, name, values, truth):
         if name == "alchemy":
@@ -29,8 +31,12 @@ class Teacher:
         self.asked.append((name, which, seed, answer))
         return {"right": answer == 5}
 
+    def table(self, student, attempts):
+        self.asked.append((student, attempts))
+        return f"{student}\n".encode("utf-8-sig")
 
-def answers(*requests: tuple[str, object], guest: bool = True):
+
+def answers(*requests: tuple[str, object], guest: bool = True, hide_truth: bool = False):
     """Status and answer of each request, and what the teacher was asked."""
     teacher = Teacher()
 
@@ -42,7 +48,7 @@ def answers(*requests: tuple[str, object], guest: bool = True):
             found.append((answer.status, await (answer.json() if json else answer.text())))
         return found
 
-    return visited(lesson_routes(teacher), visit, guest), teacher.asked
+    return visited(lesson_routes(teacher, hide_truth), visit, guest), teacher.asked
 
 
 def test_a_state_reaches_the_lesson_and_guests_may_learn__law():
@@ -65,6 +71,22 @@ def test_a_state_reaches_the_lesson_and_guests_may_learn__law():
     assert [answer.get("right") for _, answer in found[4:]] == [True, False]
 
 
+@pytest.mark.parametrize(("guest", "seen"), [(True, False), (False, True)])
+def test_hidden_truth_reaches_the_teacher_and_no_student__law(guest, seen):
+    found, asked = answers(
+        ("/lessons/en", None), ("/lesson/relief", {"state": {}, "truth": True}),
+        guest=guest, hide_truth=True,
+    )  # fmt: skip
+    assert found[0][1]["truth"] is seen
+    assert asked == [("relief", {}, seen)]
+
+
+def test_a_table_of_answers_is_made_by_the_engine__law():
+    found, asked = answers(("/answers", {"student": "Žofie", "attempts": [ATTEMPT]}))
+    assert found == [(200, "\ufeffŽofie\n")]
+    assert asked == [("Žofie", [ATTEMPT])]
+
+
 def test_an_unknown_lesson_is_told_in_words__law():
     found, _ = answers(("/lesson/alchemy", {"state": {}}))
     assert found[0][0] == 409
@@ -81,6 +103,11 @@ def test_an_unknown_lesson_is_told_in_words__law():
         ("/lesson/relief/question", {"which": "0", "seed": 1}),
         ("/lesson/relief/question", {"which": 0}),
         ("/lesson/relief/answer", {"which": 0, "seed": 1, "answer": "five"}),
+        ("/answers", {"student": "A"}),
+        ("/answers", {"student": 1, "attempts": []}),
+        ("/answers", {"student": "A", "attempts": [1]}),
+        ("/answers", {"student": "A", "attempts": [ATTEMPT | {"answer": "five"}]}),
+        ("/answers", {"student": "A", "attempts": [ATTEMPT | {"state": "none"}]}),
     ],
 )
 def test_nonsense_is_refused__law(path, body):

@@ -1,12 +1,12 @@
 // The drawings of a lesson: shapes to scale, labels beside them, handles that move sliders.
 import { element, svg, word } from "./words.js";
 import { told } from "./lesson_numbers.js";
+import { writeLabels } from "./lesson_labels.js";
 import { STANCES, isInSpace, letTurn, seenFrom, sides } from "./lesson_space.js";
 
 const PAD = 14; // css pixels around a drawing
 const HANDLE = 9;
 const BAR_SHARE = 0.22; // of a drawing's width, at most
-const LETTER = 8.5; // of a label with its distance from its place, css pixels
 const HEAD = 9; // length of an arrow's head, css pixels
 const state = {
   /** @type {{ canvas: LessonCanvas, names: [string, string], scale: Scale } | null} */
@@ -66,14 +66,25 @@ function draw(sheet, canvas, doer) {
   sheet.setAttribute("viewBox", `0 0 ${width} ${height}`);
   sheet.replaceChildren(...beneath(canvas, scale),
     ...ordered.flatMap((shape) => parts(shape, scale)),
-    ...ordered.flatMap((shape) => label(shape, scale, doer, width)),
     ...(canvas.equal ? scaleBar(canvas, scale, width, height) : []));
+  writeLabels(sheet, ordered, scale, doer.text, besides(sheet));
   const knobs = handles.map((shape) => knob(shape, canvas, scale, doer));
   sheet.append(...knobs);
   if (focus >= 0) /** @type {SVGElement} */ (knobs[focus])?.focus();
   sheet.onpointermove = (event) => drag(event, sheet, doer);
   sheet.onpointerup = () => { state.held = null; };
   sheet.onpointercancel = sheet.onpointerup;
+}
+
+/** What labels leave free: title, scale bar and buttons. @param {SVGSVGElement} sheet */
+function besides(sheet) {
+  const { left, top } = sheet.getBoundingClientRect();
+  const others = sheet.parentElement?.querySelectorAll("figcaption, .bar-text, .sides") ?? [];
+  return [...others].map((one) => {
+    const box = one.getBoundingClientRect();
+    return /** @type {import("./lesson_labels.js").Box} */ (
+      [box.left - left, box.top - top, box.right - left, box.bottom - top]);
+  });
 }
 
 /** @param {LessonCanvas} canvas @param {number} width @param {number} height @returns {Scale} */
@@ -131,33 +142,6 @@ function arrow([[fromX, fromY], [toX, toY]], look) {
       d: `M${toX} ${toY}L${baseX - side * uy} ${baseY + side * ux}`
         + `L${baseX + side * uy} ${baseY - side * ux}Z` })];
 }
-
-/**
- * @param {LessonShape} shape @param {Scale} scale @param {Doer} doer @param {number} width
- * @returns {Node[]}
- */
-function label({ kind, points, look, label: key, number: shown, below }, { x, y }, doer, width) {
-  if ((!key && !shown) || !points.length) return [];
-  const named = key ? doer.text(`label.${key}`) : "";
-  const text = shown ? [named, told(shown)].filter(Boolean).join(" ") : named;
-  const middle = kind === "line" || kind === "arrow" || kind === "area";
-  const place = middle ? mean(points.length > 2 && kind === "line"
-    ? [points[points.length >> 3]] : points) : points[0];
-  const [left, down] = [x(place[0]), y(place[1])];
-  const upright = (kind === "line" || kind === "arrow") && points.length === 2
-    && Math.abs(x(points[1][0]) - x(points[0][0])) < Math.abs(y(points[1][1]) - y(points[0][1]));
-  const beside = !middle || upright;
-  const late = left + LETTER * text.length > width;
-  const lower = below ? 19 : beside ? -6 : -10;
-  return [svg("text", {
-    class: `label look-${look}`, x: left + (beside ? (late ? -9 : 9) : 0), y: down + lower,
-    "text-anchor": beside ? (late ? "end" : "start") : "middle",
-  }, text)];
-}
-
-/** @param {Pair[]} points @returns {Pair} */
-const mean = (points) => [0, 1].map((axis) =>
-  points.reduce((sum, point) => sum + point[axis], 0) / points.length);
 
 /**
  * @param {LessonCanvas} canvas @param {Scale} scale @param {number} width @param {number} height

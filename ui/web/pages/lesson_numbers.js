@@ -4,6 +4,7 @@ import { element, number } from "./words.js";
 const MATH = "http://www.w3.org/1998/Math/MathML";
 const GROUPED = 10_000; // design: shorter numbers are read without a gap
 const SIGNS = new Set(["+", "\u2212", "=", "(", ")", "\u00b1", "\u2248"]);
+const FUNCTIONS = new Set(["sin", "cos", "tan"]);
 
 /** A number with its unit. @param {LessonNumber} shown */
 export function told({ value, digits, unit }) {
@@ -16,7 +17,7 @@ export function told({ value, digits, unit }) {
 /**
  * A formula with symbols, and again with the present numbers.
  * @param {Equation} equation
- * @param {Record<string, LessonNumber & { hue?: number }>} symbols numbers of all symbols
+ * @param {Record<string, LessonValue>} symbols numbers of all symbols
  */
 export function equationShown({ left, right }, symbols) {
   const bare = { plain: true, symbols };
@@ -52,20 +53,31 @@ function space() {
 /** @param {string} text */
 const sign = (text) => math("mo", text);
 
+/** A parenthesis as high as a number. @param {string} text */
+function low(text) {
+  const made = sign(text);
+  made.setAttribute("stretchy", "false");
+  return made;
+}
+
 /**
  * @param {LessonMath} part
- * @param {{ plain: boolean, symbols: Record<string, LessonNumber & { hue?: number }> }} how
+ * @param {{ plain: boolean, symbols: Record<string, LessonValue> }} how
  * @returns {Element}
  */
 function term(part, how) {
   if (typeof part === "string") return leaf(part, how);
   const [act, ...inside] = part;
+  if (act === "named") {
+    const [one, parts] = /** @type {[string, LessonMath]} */ (inside);
+    return how.plain || !(one in how.symbols) ? term(parts, how) : leaf(one, how);
+  }
   const made = inside.map((one) => term(one, how));
   if (act === "over") return math("mfrac", ...made);
   if (act === "root") return math("msqrt", ...made);
   if (act === "power") {
-    const base = how.plain || typeof inside[0] !== "string" ? made[0]
-      : math("mrow", sign("("), made[0], sign(")"));
+    const isNumber = !how.plain && typeof inside[0] === "string" && inside[0] in how.symbols;
+    const base = isNumber ? math("mrow", low("("), made[0], low(")")) : made[0];
     return math("msup", base, made[1]);
   }
   if (act === "fence") return math("mrow", sign("("), ...made, sign(")"));
@@ -76,14 +88,20 @@ function term(part, how) {
 function leaf(text, { plain, symbols }) {
   if (text === "*") return plain ? space() : sign("\u00b7");
   if (SIGNS.has(text)) return sign(text);
+  if (FUNCTIONS.has(text)) return math("mrow", math("mi", text), space());
   if (/^[\d.]+$/.test(text)) {
     return math("mn", number(Number(text), text.split(".")[1]?.length ?? 0));
   }
   const known = symbols[text];
+  if (Array.isArray(known)) return plain ? symbol(text) : matrix(known);
   const made = plain || !known ? symbol(text) : math("mtext", told(known));
   if (known?.hue !== undefined) made.setAttribute("class", `hue-${known.hue}`);
   return made;
 }
+
+/** @param {LessonNumber[][]} rows */
+const matrix = (rows) => math("mrow", sign("["), math("mtable", ...rows.map((row) =>
+  math("mtr", ...row.map((one) => math("mtd", math("mtext", told(one))))))), sign("]"));
 
 /** A symbol, its index set lower. @param {string} text */
 export function symbol(text) {

@@ -2,8 +2,10 @@
 import { svg } from "./words.js";
 import { told } from "./lesson_numbers.js";
 
-const MARGIN = { left: 58, right: 16, bottom: 36 };
+const MARGIN = { left: 58, right: 16, bottom: 38 };
+const EDGE = 8;
 const ROW = 17; // of the names above the curves
+const GAP = 14; // between them
 const TICKS = 5;
 
 /**
@@ -17,16 +19,17 @@ export function drawPlot(room, plot, text) {
   if (width < 120 || height < 90 || !all.length) return undefined;
   const across = rangeOf(all.map(([x]) => x), false);
   const up = rangeOf(all.map(([, y]) => y), true);
-  const top = ROW + 9 + (plot.curves.length > 1 ? ROW : 0);
+  const sheet = /** @type {SVGSVGElement} */ (svg("svg", { viewBox: `0 0 ${width} ${height}`,
+    role: "img", "aria-label": `${text(`axis.${plot.y}`)} / ${text(`axis.${plot.x}`)}` }));
+  room.replaceChildren(sheet);
+  const top = ROW + 9 + ROW * writeLegend(sheet, plot, text, width);
   const x = (/** @type {number} */ value) => MARGIN.left
     + ((value - across.low) / across.size) * (width - MARGIN.left - MARGIN.right);
   const y = (/** @type {number} */ value) => height - MARGIN.bottom
     - ((value - up.low) / up.size) * (height - top - MARGIN.bottom);
-  const sheet = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img",
-    "aria-label": `${text(`axis.${plot.y}`)} / ${text(`axis.${plot.x}`)}` });
   for (const value of ticks(across)) {
     sheet.append(svg("path", { class: "grid", d: `M${x(value)} ${y(up.low)}V${y(up.high)}` }),
-      svg("text", { class: "tick", x: x(value), y: height - MARGIN.bottom + 15,
+      svg("text", { class: "tick", x: x(value), y: height - MARGIN.bottom + 18,
         "text-anchor": "middle" }, plain(value, across)));
   }
   for (const value of ticks(up)) {
@@ -39,26 +42,49 @@ export function drawPlot(room, plot, text) {
     class: `look-${look}`,
     points: points.map(([a, b]) => `${x(a).toFixed(1)},${y(b).toFixed(1)}`).join(" "),
   })));
-  sheet.append(...legend(plot, text),
-    svg("text", { class: "axis-name", x: MARGIN.left - 50, y: 15 }, text(`axis.${plot.y}`)),
+  const names = [
+    svg("text", { class: "axis-name", x: EDGE, y: 15 }, text(`axis.${plot.y}`)),
     svg("text", { class: "axis-name", x: width - MARGIN.right, y: height - 4,
-      "text-anchor": "end" }, text(`axis.${plot.x}`)));
+      "text-anchor": "end" }, text(`axis.${plot.x}`))];
+  sheet.append(...names);
+  names.forEach((name) => narrow(name, width - EDGE - MARGIN.right));
   if (plot.at) {
     const [left, down] = [x(plot.at[0]), y(plot.at[1])];
     sheet.append(svg("path", { class: "at", d: `M${left} ${y(up.low)}V${down}` }),
       svg("circle", { class: "at-dot", cx: left, cy: down, r: 5 }));
   }
-  return room.replaceChildren(sheet);
+  return undefined;
 }
 
-/** Names of curves in a row above them. @param {LessonPlot} plot */
-function legend({ curves }, /** @type {(key: string) => string} */ text) {
-  if (curves.length < 2) return [];
-  const names = svg("text", { class: "legend", x: MARGIN.left - 50, y: 15 + ROW });
-  curves.forEach(({ name, look }, place) => names.append(svg("tspan",
-    { class: `swatch look-${look}`, dx: place ? 14 : 0 }, "\u25ac"),
-  svg("tspan", { dx: 4 }, text(`curve.${name}`))));
-  return [names];
+/**
+ * Sets a name in smaller letters if it is too long.
+ * @param {SVGElement} name @param {number} most
+ */
+function narrow(name, most) {
+  const long = /** @type {SVGTextElement} */ (name).getComputedTextLength();
+  if (long > most) name.style.fontSize = `${(12 * most) / long}px`;
+}
+
+/**
+ * Names of curves in rows above them. @returns {number} how many rows
+ * @param {Element} sheet @param {LessonPlot} plot @param {(key: string) => string} text
+ * @param {number} width
+ */
+function writeLegend(sheet, { curves }, text, width) {
+  if (curves.length < 2) return 0;
+  let [left, rows] = [EDGE, 1];
+  for (const { name, look } of curves) {
+    const entry = /** @type {SVGTextElement} */ (svg("text", { class: "legend" },
+      svg("tspan", { class: `swatch look-${look}` }, "\u25ac"),
+      svg("tspan", { dx: 4 }, text(`curve.${name}`))));
+    sheet.append(entry);
+    const wide = entry.getComputedTextLength() + 4;
+    if (left > EDGE && left + wide > width - EDGE) [left, rows] = [EDGE, rows + 1];
+    entry.setAttribute("x", `${left}`);
+    entry.setAttribute("y", `${15 + ROW * rows}`);
+    left += wide + GAP;
+  }
+  return rows;
 }
 
 /** @param {number[]} values @param {boolean} nought whether nought is shown with them */
@@ -71,11 +97,16 @@ function rangeOf(values, nought) {
   return { low: least, high: most, size: Math.max(most - least, 1e-12) };
 }
 
+/** From one round value to the next. @param {number} size */
+function stepOf(size) {
+  const power = 10 ** Math.floor(Math.log10(size / TICKS));
+  return [1, 2, 5, 10].map((one) => one * power).find((one) => size / one <= TICKS + 1)
+    ?? 10 * power;
+}
+
 /** Round values within a range. @param {{ low: number, high: number, size: number }} range */
 function ticks({ low, high, size }) {
-  const power = 10 ** Math.floor(Math.log10(size / TICKS));
-  const step = [1, 2, 5, 10].map((one) => one * power).find((one) => size / one <= TICKS + 1)
-    ?? 10 * power;
+  const step = stepOf(size);
   const first = Math.ceil(low / step - 1e-9);
   const count = Math.floor((high + 1e-9 * size) / step) - first + 1;
   return Array.from({ length: Math.max(count, 0) }, (_, place) => (first + place) * step);
@@ -83,6 +114,6 @@ function ticks({ low, high, size }) {
 
 /** @param {number} value @param {{ size: number }} range */
 function plain(value, { size }) {
-  const digits = Math.max(0, Math.min(6, Math.ceil(-Math.log10(size / TICKS / 1.0001))));
+  const digits = Math.max(0, Math.min(6, -Math.floor(Math.log10(stepOf(size)) + 1e-9)));
   return told({ value, digits, unit: "", truth: null });
 }

@@ -3,27 +3,27 @@ import { all, byId, element, number, numberOf, word } from "./words.js";
 import { post, tell } from "./run.js";
 import { told } from "./lesson_numbers.js";
 
-const KEPT = "gruber.lessons";
+const KEPT = "gruber.answers";
 const STUDENT = "gruber.student";
-const COLUMNS = ["when", "student", "lesson", "question", "asked", "answer", "right", "tries"];
 const state = {
   which: 0,
   seed: 0,
   tries: 0,
-  asked: /** @type {{ name: string, values: Record<string, number>, unit: string }} */ (
-    { name: "", values: {}, unit: "" }),
+  asked: /** @type {LessonAsked} */ ({ name: "", values: {}, unit: "", signed: false }),
+  sliders: /** @type {() => Record<string, number>} */ (() => ({})),
   done: false,
 };
 
-/** @returns {Record<string, unknown>[]} */
+/** Each attempt, as the table of answers is made of it. @returns {LessonAttempt[]} */
 const kept = () => JSON.parse(localStorage.getItem(KEPT) ?? "[]");
 
 /**
  * @param {HTMLElement} room @param {Lesson} lesson
  * @param {(key: string, values?: Record<string, unknown>) => string} text
+ * @param {() => Record<string, number>} sliders where they stand
  */
-export async function showQuestion(room, lesson, text) {
-  Object.assign(state, { seed: Math.floor(Math.random() * 1e9), tries: 0, done: false,
+export async function showQuestion(room, lesson, text, sliders) {
+  Object.assign(state, { seed: Math.floor(Math.random() * 1e9), tries: 0, done: false, sliders,
     which: state.which % lesson.questions.length });
   const { which, seed } = state;
   room.replaceChildren();
@@ -44,15 +44,15 @@ export async function showQuestion(room, lesson, text) {
   element("button", { class: "on", type: "submit", id: "check" }, word("teach.check")));
   const next = async () => {
     state.which += 1;
-    await showQuestion(room, lesson, text);
+    await showQuestion(room, lesson, text, sliders);
     document.getElementById("answer")?.focus();
   };
   const acts = element("div", { class: "acts" },
     act("hint", () => { said.textContent = text(`hint.${asked.name}`); }),
     act("give-up", () => judged(null)), act("next", next));
   room.replaceChildren(element("h2", {}, word("teach.question")),
-    element("p", { class: "asked" }, text(`question.${asked.name}`, asked.values)), form, acts,
-    said);
+    element("p", { class: "asked" }, text(`question.${asked.name}`, asked.values),
+      asked.signed ? ` ${text(`sign.${asked.name}`)}` : ""), form, acts, said);
   return undefined;
 }
 
@@ -68,7 +68,7 @@ async function judge(lesson, answer, said, text) {
   const { which, seed, asked } = state;
   const judged = await post(`/lesson/${lesson.name}/answer`, { which, seed, answer });
   if (!judged.ok) return tell(judged.error, true);
-  const { right, answer: truth, digits, tolerance } = judged;
+  const { right, opposite, answer: truth, digits, tolerance } = judged;
   state.tries += 1;
   const { unit } = asked;
   const shown = (/** @type {number} */ value, places = digits) =>
@@ -77,9 +77,14 @@ async function judge(lesson, answer, said, text) {
   if (right) {
     said.textContent = word("teach.right", { answer: shown(truth),
       tolerance: number(tolerance, tolerance < 1 ? 2 : 1) });
+  } else if (answer === null) {
+    said.textContent = word("teach.was", { answer: shown(truth) });
+  } else if (opposite) {
+    said.textContent = word("teach.opposite", {
+      sign: asked.signed ? text(`sign.${asked.name}`) : word("teach.unsigned") });
   } else {
-    said.textContent = answer === null ? word("teach.was", { answer: shown(truth) })
-      : `${word("teach.wrong")} ${state.tries > 1 ? text(`hint.${asked.name}`) : ""}`;
+    said.textContent = `${word("teach.wrong")} ${
+      state.tries > 1 ? text(`hint.${asked.name}`) : ""}`;
   }
   if (!state.done) keep(lesson.name, answer, right);
   state.done ||= right || answer === null;
@@ -88,34 +93,38 @@ async function judge(lesson, answer, said, text) {
 
 /** @param {string} lesson @param {number | null} answer @param {boolean} right */
 function keep(lesson, answer, right) {
-  const { asked, tries, seed } = state;
-  const values = Object.entries(asked.values).map(([name, value]) => `${name}=${value}`).join(" ");
-  const row = { when: new Date().toISOString(), student: "", lesson, question: asked.name,
-    asked: values, answer: answer ?? "", right, tries, seed };
-  const rows = kept().filter((one) => one.seed !== seed || one.lesson !== lesson);
-  localStorage.setItem(KEPT, JSON.stringify([...rows, row]));
+  const { which, seed } = state;
+  const attempt = { when: new Date().toISOString(), lesson, which, seed, answer, right,
+    state: { ...state.sliders() } };
+  localStorage.setItem(KEPT, JSON.stringify([...kept(), attempt]));
 }
 
 export function showScore() {
   const rows = kept();
+  const questions = new Set(rows.map(({ lesson, seed }) => `${lesson} ${seed}`));
   const right = rows.filter((one) => one.right).length;
   for (const button of all("#list button")) {
     const done = rows.some((one) => one.right && one.lesson === button.dataset.lesson);
     button.toggleAttribute("data-done", done);
   }
-  byId("score").textContent = rows.length ? word("teach.score", { right, count: rows.length }) : "";
+  byId("score").textContent = rows.length
+    ? word("teach.score", { right, count: questions.size }) : "";
 }
 
-/** All answers as a table. */
-export function saveAnswers() {
+/** All attempts as a table, which the engine writes: it knows the right answers. */
+export async function saveAnswers() {
   const student = prompt(word("teach.student"), localStorage.getItem(STUDENT) ?? "");
   if (student === null) return;
   localStorage.setItem(STUDENT, student);
-  const cell = (/** @type {unknown} */ value) => `"${String(value).replaceAll('"', '""')}"`;
-  const lines = kept().map((one) => COLUMNS.map((name) =>
-    cell(name === "student" ? student : one[name])).join(","));
-  const file = new Blob([`${[COLUMNS.join(","), ...lines].join("\n")}\n`], { type: "text/csv" });
-  const link = element("a", { href: URL.createObjectURL(file), download: "answers.csv" });
+  const answer = await fetch("/answers", { method: "POST",
+    headers: { "content-type": "application/json" },
+    body: JSON.stringify({ student, attempts: kept() }) }).catch(() => null);
+  if (!answer?.ok) {
+    tell(answer ? await answer.text() : word("teach.lost"), true);
+    return;
+  }
+  const link = element("a", { href: URL.createObjectURL(await answer.blob()),
+    download: "answers.csv" });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }

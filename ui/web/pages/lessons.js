@@ -12,7 +12,10 @@ import { equationShown, symbolShown, told } from "./lesson_numbers.js";
 import { saveAnswers, showQuestion, showScore } from "./lesson_question.js";
 
 const HUES = 6;
-const SIZES = [19, 17, 15, 13, 11]; // css pixels of a formula: the largest that fits
+const HERE = ["localhost", "127.0.0.1", "[::1]"];
+/** Rooms of formulas, each larger, and sizes of letters: the first in which all of them fit. */
+const ROOMS = /** @type {[string, number[]][]} */ (
+  [["", [19, 17, 15]], ["long", [15, 14, 13]], ["longer", [13, 12, 11]]]);
 const state = {
   lessons: /** @type {Lesson[]} */ ([]),
   lesson: /** @type {Lesson} */ (/** @type {unknown} */ (null)),
@@ -74,7 +77,7 @@ function choose(lesson, asked) {
   byId("drawings").replaceChildren();
   byId("figures").replaceChildren();
   showSliders();
-  showQuestion(byId("question"), lesson, text);
+  showQuestion(byId("question"), lesson, text, () => state.values);
   refresh();
 }
 
@@ -215,30 +218,37 @@ function show() {
     text, move, describe: (names) => names.map((name) => text(`slider.${name}`)).join(", "),
   });
   if (view.step) first("#about p").textContent = text(`step.${view.step}`);
+  byId("plot").hidden = !view.plot;
   showFormulas(view, lesson);
   showFigures(view);
-  state.show(view.canvases);
+  // Plot and formulas first: what they need is not the drawings'.
   drawPlot(byId("plot"), view.plot, text);
+  state.show(view.canvases);
 }
 
 /** @param {LessonView} view @param {Lesson} lesson */
 function showFormulas({ symbols, step, equations: own }, { sliders, equations }) {
-  const known = { ...symbols };
+  const known = /** @type {Record<string, LessonValue>} */ ({ ...symbols });
   for (const slider of sliders) {
     if (!slider.symbol) continue;
     const digits = (`${slider.step}`.split(".")[1] ?? "").length;
     const { unit, name } = slider;
-    known[slider.symbol] = /** @type {any} */ (
-      { value: state.values[name], digits, unit, hue: hueOf(slider) });
+    // A formula may have it in another unit than the slider.
+    const moved = { value: state.values[name], digits, unit, truth: null };
+    const here = symbols[slider.symbol] ?? moved;
+    known[slider.symbol] = Array.isArray(here) ? here : { ...here, hue: hueOf(slider) };
   }
   const source = text(step ? `source_of.${step}` : "source");
   const shown = own.length ? own : equations;
   byId("formulas").replaceChildren(...shown.map((one) => equationShown(one, known)),
     element("p", { class: "source" }, `${word("teach.source")}: ${source}`));
   const room = byId("formulas");
-  SIZES.some((size) => {
-    room.style.setProperty("--size", `${size}px`);
-    return room.scrollHeight <= room.clientHeight && room.scrollWidth <= room.clientWidth;
+  ROOMS.some(([wide, sizes]) => {
+    byId("lesson").className = wide;
+    return sizes.some((size) => {
+      room.style.setProperty("--size", `${size}px`);
+      return room.scrollHeight <= room.clientHeight && room.scrollWidth <= room.clientWidth;
+    });
   });
 }
 
@@ -252,21 +262,40 @@ function showFigures({ figures }) {
   byId("figures").replaceChildren(element("h2", {}, word("teach.figures")), ...rows);
 }
 
-/** The address holds lesson and sliders, so that it can be handed on. */
-const keepLink = afterPause(() => {
+/** What opens the lesson as it is now. */
+function linkValues() {
   const kept = new URLSearchParams({ lesson: state.lesson.name });
   for (const { name, start: opening } of state.lesson.sliders) {
     if (state.values[name] !== opening) kept.set(name, `${state.values[name]}`);
   }
   if (state.truth) kept.set("truth", "1");
-  history.replaceState(null, "", `/?${kept}`);
-});
+  return kept;
+}
+
+/** The address holds lesson and sliders: the page comes back as it was. */
+const keepLink = afterPause(() => history.replaceState(null, "", `/?${linkValues()}`));
+
+/** A link for students: it lets them in, as guests. */
+async function copyLink() {
+  const link = new URL(start.invitation);
+  // Who came by a name of the network hands that on.
+  if (!HERE.includes(location.hostname)) link.host = location.host;
+  linkValues().forEach((value, name) => link.searchParams.set(name, value));
+  try {
+    await navigator.clipboard.writeText(link.href);
+    tell(word("teach.copied"));
+  } catch {
+    // Browsers give the clipboard to safe addresses only.
+    prompt(word("teach.copy"), link.href);
+  }
+}
 
 document.addEventListener("click", (event) => {
   const act = /** @type {HTMLElement} */ (event.target).closest("[data-act=theme]");
   if (act) nextTheme();
 });
 byId("answers-save").addEventListener("click", saveAnswers);
+byId("link-copy").addEventListener("click", copyLink);
 addEventListener("resize", show);
 window.gruber = { state, number };
 load().then(showScore, (error) => tell(String(error), true));
