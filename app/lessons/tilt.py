@@ -22,7 +22,7 @@ SIDE_M = 250.0
 LEVELS = (1, 4, 16, 64)
 """Squares are so many times larger where the next smaller ones would be too narrow to be seen."""
 NARROW_MM = 5.0
-ALONG_M = 125 * np.sinh(np.linspace(-8, 8, 241))
+ALONG_M = 125 * np.sinh(np.linspace(-8, 8, 161))
 """Places along a line of the ground, ever farther apart."""
 LINES = np.arange(-24, 25)
 FAR_M = 1e7
