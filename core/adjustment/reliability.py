@@ -349,18 +349,34 @@ def _ground_scores(
 
 def cleared_rays(
     network: Network,
-    standardised: RayPairs,
+    lin: Linearised,
     precision: Precision,
-    taking_part: Chosen,
+    standardised: RayPairs,
     *,
+    taking_part: Chosen,
     candidates: Chosen,
     limits: TestLimits,
 ) -> Chosen:
-    """Rays left out before that the others no longer contradict."""
+    """Rays left out before that the others no longer contradict.
+
+    Of control that few others predict only the surest of a photo comes back: what is wrong would
+    come with it, as the prediction is too weak to tell the two apart. With it, it is strong enough.
+    """
+    rays = network.rays
     worst = _scaled(network, standardised, precision, taking_part, limits)
-    alive = np.bincount(network.rays.point, taking_part, network.points.count) >= 2
+    alive = np.bincount(rays.point, taking_part, network.points.count) >= 2
     back = candidates & ~taking_part & (worst < limits.critical)
-    return back & (network.anchored | alive[network.rays.point])
+    back &= network.anchored | alive[rays.point]
+    weak = np.flatnonzero(back & (rays.measurement >= 0))
+    by_photo, own = lin.by_photo[:, :, weak], precision.photos[rays.photo[weak]]
+    of_photo = np.einsum("ain,nij,ajn->an", by_photo, own, by_photo)
+    # design: the photo, not measurement or ground, is the larger part of what is uncertain.
+    hangs = (of_photo > 0.5 * (1 + precision.rays[:, weak])).any(axis=0)
+    weak = weak[hangs]
+    surest = weak[np.lexsort((worst[weak], rays.photo[weak]))]
+    back[weak] = False
+    back[surest[np.unique(rays.photo[surest], return_index=True)[1]]] = True
+    return back
 
 
 def _scaled(

@@ -214,9 +214,10 @@ def _keep_rays(judged: Solution, task: _Task, candidates: Chosen) -> Chosen:
     )
     back = cleared_rays(
         network,
-        standardised,
+        fit.lin,
         judged.precision,
-        fit.taking_part,
+        standardised,
+        taking_part=fit.taking_part,
         candidates=candidates,
         limits=limits,
     )
