@@ -189,7 +189,7 @@ def true_flight(given: Given) -> Flight:
         photos[name] = replace(
             photo, size_px=(side, side), interior=interior, corrections=CORRECTIONS
         )
-    return observed(photos, CAMERA, plan, junctions(), sigma_m=CONTROL_M)
+    return observed(photos, CAMERA, plan, junctions(), sigmas_m=np.full(3, CONTROL_M))
 
 
 def scan_values(photo: Photo, pixels: PixelPoints, given: Given) -> Scalars:

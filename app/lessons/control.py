@@ -1,5 +1,6 @@
 """Control and its distribution: how far from the nearest point a block is still known."""
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -8,14 +9,21 @@ from app.lessons import sheet
 from app.lessons.flight import Flight, Plan, fly
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
+from core.adjustment.equations import nine_places
+from core.adjustment.influence import influence_of
 from core.arrays import Matrix
 from core.block import footprint
+from core.geometry.collinearity import object_from_film
 
-STRIPS, PHOTOS, TIES = 2, 3, 90
+STRIPS, PHOTOS, TIES = 2, 3, 300
 EXTENT = Plan(STRIPS, PHOTOS, TIES, 0.5, 1).extent
+SHOWN = 90
+"""So many of the tie points are drawn."""
 TIMES = 300.0
 """Standard deviations are drawn so many times their size."""
 HELD = AdjustmentOptions(estimate_cameras=False, robust=False)
+DEM_M = 0.4
+"""Heights of control come from a surface model that is so good (standard deviation)."""
 
 
 def places(count: int, centre: tuple[float, float], spread: float) -> Matrix:
@@ -28,33 +36,73 @@ def places(count: int, centre: tuple[float, float], spread: float) -> Matrix:
     return middle + (unit - 0.5) * size * 0.94
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class AdjustedFlight:
+    """A flight with some control, adjusted."""
+
+    flight: Flight
+    """As it was flown."""
+    report: AdjustmentReport
+    """Its adjustment."""
+    sigmas: Matrix
+    """Standard deviations (E, N) of the ground at nine places of each photo, metres."""
+    errors: Matrix
+    """True errors there."""
+
+
 @lru_cache(maxsize=64)
 def adjusted(
     noise_px: float, seed: int, count: int, where: tuple[float, float, float], sigma_m: float
-) -> tuple[Flight, AdjustmentReport]:
+) -> AdjustedFlight:
     """The block of a state, adjusted; `where` is the middle of the control and its spread."""
-    flight = fly(
-        Plan(STRIPS, PHOTOS, TIES, noise_px, seed), places(count, where[:2], where[2]), sigma_m
+    plan = Plan(STRIPS, PHOTOS, TIES, noise_px, seed)
+    flight = fly(plan, places(count, where[:2], where[2]), sigma_m, DEM_M)
+    report = adjust_block(flight.block, HELD)
+    influence = influence_of(report, HELD)
+    assert influence is not None, "a block with control has photos"
+    cofactors = np.concatenate(list(influence.corner_sigmas().values()))
+    return AdjustedFlight(
+        flight, report, report.sigma_nought * cofactors, ground_errors(flight, report)
     )
-    return flight, adjust_block(flight.block, HELD)
+
+
+def ground_errors(flight: Flight, report: AdjustmentReport) -> Matrix:
+    """Where the adjusted photos show the ground, from where they truly do (E, N), metres."""
+    errors: list[Matrix] = []
+    for name, true in flight.photos.items():
+        camera = flight.block.cameras[true.camera]
+        film, heights = nine_places(camera.frame_mm), np.full(9, true.ground_height_m)
+        found = report.block.photos[name]
+        there, here = (
+            object_from_film(film, heights, photo.exterior, camera) for photo in (true, found)
+        )
+        errors.append((here - there)[:, :2])
+    return np.concatenate(errors)
+
+
+def rms(values: Matrix) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.nanmean(values**2)))
 
 
 def view(state: sheet.State) -> sheet.View:
     """Tie points with the standard deviations of their places, and control."""
     where = (state["x"], state["y"], state["spread"] / 100)
-    flight, report = adjusted(
+    found = adjusted(
         max(state["ties"], 0.05), int(state["seed"]), int(state["count"]), where, state["sigma"]
     )
+    flight, report = found.flight, found.report
     sigmas = report.tie_sigmas_m
     plan = np.hypot(sigmas[:, 0], sigmas[:, 1])
     known = np.isfinite(plan)
     off = np.hypot(*(report.tie_positions - flight.ties)[:, :2].T)
-    axis = float(np.sqrt(np.mean(sigmas[known, :2] ** 2)))
+    worst = float(found.sigmas.max())
     figures = {
-        "rms": sheet.Number(axis, 2, "m"),
-        "worst": sheet.Number(float(plan[known].max()), 2, "m"),
-        "height": sheet.Number(float(np.sqrt(np.mean(sigmas[known, 2] ** 2))), 2, "m"),
-        "error": sheet.Number(float(np.sqrt(np.mean(off[known] ** 2 / 2))), 2, "m", secret=True),
+        "rms": sheet.Number(rms(found.sigmas), 2, "m"),
+        "worst": sheet.Number(worst, 2, "m"),
+        "error": sheet.Number(rms(found.errors), 2, "m", secret=True),
+        "ties": sheet.Number(rms(sigmas[:, :2]), 2, "m"),
+        "height": sheet.Number(rms(sigmas[:, 2]), 2, "m"),
         "sigma_nought": sheet.Number(report.sigma_nought, 2),
     }
     middle = places(int(state["count"]), where[:2], where[2])
@@ -66,9 +114,9 @@ def view(state: sheet.State) -> sheet.View:
     )
     plot = sheet.Plot("away", "sigma", (curve,))
     symbols = {
-        "n": sheet.Number(int(state["count"]), 0),
-        "r": sheet.Number(report.redundancy, 0),
         "σ_0": figures["sigma_nought"],
+        "q_X": sheet.Number((worst / report.sigma_nought) ** 2, 3, "m²"),
+        "σ_X": figures["worst"],
     }
     canvas = drawing(flight, middle, plan, off, where)
     return sheet.View(figures, (canvas,), symbols, plot)
@@ -88,7 +136,9 @@ def drawing(
     ]
     rings = [
         part
-        for tie, sigma, error in zip(flight.ties[:, :2], plan, off, strict=True)
+        for tie, sigma, error in zip(
+            flight.ties[:SHOWN, :2], plan[:SHOWN], off[:SHOWN], strict=True
+        )
         if np.isfinite(sigma)
         for part in (
             sheet.shape("line", sheet.ellipse(tie, np.eye(2) * sigma**2 / 2, TIMES), "error"),
@@ -109,13 +159,12 @@ def drawing(
 def ask(rng: np.random.Generator) -> sheet.Asked:
     """How much worse one ninth of the block is than all of it."""
     middle = (EXTENT[0] / 2, EXTENT[1] / 2)
-    sigma, seed = float(rng.integers(5, 16)) / 10, int(rng.integers(1, 100))
+    count, seed = int(rng.integers(12, 31)), int(rng.integers(1, 100))
     spread, ninth = (
-        adjusted(0.5, seed, 20, where, sigma)[1].tie_sigmas_m[:, :2]
+        rms(adjusted(0.5, seed, count, where, 1.0).sigmas)
         for where in ((*middle, 1.0), (0.0, 0.0, 1 / 3))
     )
-    ratio = np.sqrt(np.nanmean(ninth**2) / np.nanmean(spread**2))
-    return sheet.Asked({"sigma": sigma, "n": 20}, float(ratio))
+    return sheet.Asked({"sigma": 1, "n": count}, ninth / spread)
 
 
 LESSON = sheet.Lesson(
@@ -133,13 +182,11 @@ LESSON = sheet.Lesson(
     view,
     (
         sheet.Equation(
-            "Σ",
-            sheet.row(
-                sheet.power("σ", "2"),
-                "*",
-                sheet.power(["fence", sheet.row(sheet.power("A", "T"), "*", "P", "*", "A")], "−1"),
-            ),
+            "Q",
+            sheet.power(["fence", sheet.row(sheet.power("A", "T"), "*", "P", "*", "A")], "−1"),
         ),
+        sheet.Equation("q_X", sheet.row(sheet.power("f", "T"), "*", "Q", "*", "f")),
+        sheet.Equation("σ_X", sheet.row("σ_0", "*", sheet.root("q_X"))),
     ),
     (sheet.Question("ninth", "", 1.0, ask),),
     hides_truth=True,

@@ -97,13 +97,21 @@ def flown(plan: Plan) -> dict[str, Photo]:
     return photos
 
 
-def fly(plan: Plan, control: Matrix, sigma_m: float) -> Flight:
-    """A flight with control at places in plan, known to a standard deviation per axis."""
-    return observed(flown(plan), camera_with(C_MM), plan, control, sigma_m=sigma_m)
+def fly(plan: Plan, control: Matrix, sigma_m: float, height_m: float | None = None) -> Flight:
+    """A flight with control at places in plan, known to standard deviations per axis, metres.
+
+    Args:
+        plan: How it is flown.
+        control: East and north of its control.
+        sigma_m: Of control in plan.
+        height_m: Of its heights; None for the same.
+    """
+    sigmas = np.array([sigma_m, sigma_m, sigma_m if height_m is None else height_m])
+    return observed(flown(plan), camera_with(C_MM), plan, control, sigmas_m=sigmas)
 
 
 def observed(
-    photos: dict[str, Photo], camera: Camera, plan: Plan, control: Matrix, *, sigma_m: float
+    photos: dict[str, Photo], camera: Camera, plan: Plan, control: Matrix, *, sigmas_m: np.ndarray
 ) -> Flight:
     """What is measured in photos that truly stand so."""
     rng = np.random.default_rng(1000 + plan.seed)
@@ -128,8 +136,8 @@ def observed(
     surveyed = {
         f"{row}": SurveyedPoint(
             f"{row}",
-            place + rng.normal(0, sigma_m, 3),
-            np.full(3, max(sigma_m, 0.001)),
+            place + rng.normal(0, 1, 3) * sigmas_m,
+            np.maximum(sigmas_m, 0.001),
             "control",
             "surveyed",
         )

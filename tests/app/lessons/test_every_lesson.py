@@ -321,7 +321,7 @@ def test_data_snooping_finds_the_error_that_was_put_in__truth() -> None:
 
 
 def test_errors_of_the_block_are_as_large_as_it_says__truth() -> None:
-    """Over eight flights the true error in plan is what the adjustment states, to a fifth."""
+    """Over eight flights the true error of the ground is what the adjustment states, to a fifth."""
     lesson = LESSONS["control"]
     ratios = [
         figures["error"].value / figures["rms"].value
