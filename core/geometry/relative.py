@@ -15,7 +15,7 @@ from jaxtyping import Float64
 from core.arrays import FilmPoints, Flags, Position, Rotation, Scalars, locked
 from core.doubts import Failure
 from core.geometry.exterior import ExteriorOrientation
-from core.geometry.robust import TINY
+from core.geometry.robust import TINY, log10_nfa
 from core.said import say
 
 Rays = Float64[np.ndarray, "n 3"]
@@ -185,21 +185,13 @@ def log10_false_alarms(
 ) -> float:
     """log10 of the number of false alarms: how often chance would give such an agreement.
 
-    log NFA = log(N - m) + log C(N, k) + log C(k, m) + (k - m) log alpha, where alpha is the share
-    of the search window (pixels) that lies within the tolerance of an epipolar line (METHODS 5.2).
+    Chance is the share of the search window (pixels) within the tolerance of an epipolar line.
     """
-    if agreeing <= MINIMAL:
-        return 0.0
     width, height = window_px
     # The parallax has the noise of both photos in it, hence the root of two.
     band = 2.0 * np.sqrt(2.0) * tolerance_px * float(np.hypot(width, height))
     alpha = min(0.5, band / max(width * height, 1.0))
-    return float(
-        np.log10(max(matches - MINIMAL, 1))
-        + _log10_binomial(matches, agreeing)
-        + _log10_binomial(agreeing, MINIMAL)
-        + (agreeing - MINIMAL) * np.log10(alpha)
-    )
+    return log10_nfa(matches, agreeing, MINIMAL, alpha)
 
 
 def in_front(rays: RayPairs, orientation: RelativeOrientation) -> Flags:
@@ -347,9 +339,3 @@ def _tangents(direction: Position) -> Float64[np.ndarray, "3 2"]:
     """Two unit vectors at right angles to a direction."""
     _, _, right = np.linalg.svd(direction[None, :])
     return right[1:].T
-
-
-def _log10_binomial(total: int, chosen: int) -> float:
-    """log10 of the number of ways to choose."""
-    steps = np.arange(1, chosen + 1, dtype=np.float64)
-    return float(np.sum(np.log10((total - chosen + steps) / steps)))

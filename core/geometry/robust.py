@@ -75,3 +75,31 @@ def solve_robustly(
         passes -= 1
         if passes < 1 or (before is not None and np.allclose(before, weights, SETTLED, 0)):
             return solution
+
+
+def log10_nfa(candidates: int, agreeing: int, sample: int, chance: float) -> float:
+    """log10 of the number of false alarms: how often chance would give such an agreement.
+
+    log NFA = log(N - m) + log C(N, k) + log C(k, m) + (k - m) log alpha (METHODS 5.2; Moisan and
+    Stival 2004). Nought where no more agree than a sample has.
+
+    Args:
+        candidates: N, all of them.
+        agreeing: k, those that agree with the model, its sample among them.
+        sample: m, so many determine a model.
+        chance: alpha, probability that a wrong one agrees.
+    """
+    if agreeing <= sample:
+        return 0.0
+    return float(
+        np.log10(max(candidates - sample, 1))
+        + _log10_binomial(candidates, agreeing)
+        + _log10_binomial(agreeing, sample)
+        + (agreeing - sample) * np.log10(chance)
+    )
+
+
+def _log10_binomial(total: int, chosen: int) -> float:
+    """log10 of the number of ways to choose."""
+    steps = np.arange(1, chosen + 1, dtype=np.float64)
+    return float(np.sum(np.log10((total - chosen + steps) / steps)))

@@ -37,6 +37,8 @@ BITS = 256
 # design: twice half of ORB_SIDE_PX and a little, so that no pixel of the pattern is missed.
 REACH_PX = 32
 """No pixel of the pattern lies so far along the lines it is asked along."""
+# source: the full descriptor of AKAZE in OpenCV.
+AKAZE_BITS = 486.0
 # source: OpenCV's AKAZE; 2 * 10 * 0.75 * 2.67 = 40.
 AKAZE_SIDE_PX, AKAZE_SIZE = 40, 2.67
 """Template and window are brought to a scale at which AKAZE spans so many pixels, its pattern
@@ -134,8 +136,7 @@ class AkazeOperator:
         akaze = library.AKAZE_create(descriptor_type=library.AKAZE_DESCRIPTOR_MLDB_UPRIGHT)
         scale = max(len(patch[0]) / AKAZE_SIDE_PX, 1.0)
         found = described_scores(akaze, around[0], patch[0], AKAZE_SIZE, scale)
-        # source: the full descriptor of AKAZE in OpenCV has 486 bits.
-        return found / np.float32(486.0)
+        return found / np.float32(AKAZE_BITS)
 
     def correlated(self, shown: Description, patch: Description) -> tuple[Description, Description]:
         """Grey values less their means: shares of bits are no sums of products."""

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
+from core.errors import ProjectError
 from core.frames import HALF_PIXEL
 from core.literature.common_grid import Places
 from core.matching.peaks import Image
@@ -48,7 +49,13 @@ def is_installed(name: str) -> bool:
 
 
 def detector_named(name: str) -> Detector:
-    """The detector of a name: `sift`, `orb` or `surf`."""
+    """The detector of a name: `sift`, `orb` or `surf`.
+
+    Raises:
+        ProjectError: There is no such detector.
+    """
+    if name not in SIDES:
+        raise ProjectError(name, "is no detector.", "Take sift, orb or surf.")
     if name == "surf":
         return SurfDetector()
     library = cast("Any", cv2)

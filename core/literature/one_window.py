@@ -12,6 +12,7 @@ from core.arrays import Mask, Scalars
 from core.frames import HALF_PIXEL
 from core.literature.baselines import OPERATORS
 from core.literature.common_grid import GridPair, Places
+from core.literature.dense_descriptors import AKAZE_BITS, BITS
 from core.literature.detectors import (
     SIDES,
     Detector,
@@ -42,6 +43,27 @@ AT_POINTS: tuple[Way, ...] = ("dd", "vdd")
 """Ways that compare detected points of the window only."""
 BY_DETECTOR: tuple[Way, ...] = ("d", "dd", "vdd")
 """Ways in which an operator describes what it detects itself; elsewhere it compares patches."""
+Kind = Literal["likeness", "distance", "bits"]
+"""A likeness, of which more is better; a distance of descriptors of length one, or differing bits,
+of which less is."""
+# source: OpenCV's SIFT makes descriptors of this length, in whole numbers.
+SIFT_LENGTH = 512.0
+
+
+def measure_of(name: str, described: bool = False) -> tuple[Kind, float]:
+    """What an operator measures, and by what its scores are multiplied to be that.
+
+    Args:
+        name: One of `OPERATORS`, or `surf`.
+        described: Whether the descriptors of the detector are compared, point by point.
+    """
+    kinds: dict[str, tuple[Kind, float]] = {
+        "sift": ("distance", -1 / SIFT_LENGTH if described else -1.0),
+        "surf": ("distance", -1.0),
+        "orb": ("bits", -1.0 if described else -float(BITS)),
+        "akaze": ("bits", -AKAZE_BITS),
+    }
+    return kinds.get(name, ("likeness", 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +188,11 @@ class OperatorSearch:
         places = places[(np.abs(places - centre) <= half).all(axis=1)]
         columns, rows = np.rint(places - low).astype(int).clip(0, 2 * half).T
         return WindowScores(places, surface[rows, columns].astype(np.float64), None)
+
+    @property
+    def measure(self) -> tuple[Kind, float]:
+        """What is measured, and by what scores are multiplied to be that."""
+        return measure_of(self.name, self._by_descriptors)
 
     @cached_property
     def own(self) -> Grey8:

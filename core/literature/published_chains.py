@@ -363,14 +363,21 @@ def distances(
     image: Float64[np.ndarray, "n 2"],
 ) -> Float64[np.ndarray, "samples n"]:
     """Distance between where every model puts every point and where it is."""
+    across, down = places_by(models, ground)
+    return np.nan_to_num(np.hypot(across - image[:, 0], down - image[:, 1]), nan=np.inf)
+
+
+def places_by(
+    models: Models, ground: Float64[np.ndarray, "n axes"]
+) -> tuple[Float64[np.ndarray, "samples n"], Float64[np.ndarray, "samples n"]]:
+    """Where every model puts every point, across and down; NaN where it has no place."""
     whole = np.column_stack([ground, np.ones(len(ground))])
     size = whole.shape[1]
     depth = models[:, 2 * size :] @ ground.T + 1.0
     # design: a point in the plane of the camera has no place in the picture.
     depth = np.where(np.abs(depth) < 1e-9, np.nan, depth)
-    across = (models[:, :size] @ whole.T) / depth - image[:, 0]
-    down = (models[:, size : 2 * size] @ whole.T) / depth - image[:, 1]
-    return np.nan_to_num(np.hypot(across, down), nan=np.inf)
+    across, down = models[:, :size] @ whole.T, models[:, size : 2 * size] @ whole.T
+    return across / depth, down / depth
 
 
 def is_flat(heights: Scalars, flying_height_m: float) -> bool:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from core.errors import ProjectError
 from core.literature.common_grid import GridPair
 from core.literature.detectors import detector_named, eight_bits, places_of
 from core.literature.one_window import AT_POINTS, FROM_SCAN, SNAPPED, OperatorSearch, Sizes, Way
@@ -58,3 +59,27 @@ def test_no_point_of_the_given_land_is_no_template__law() -> None:
     assert template is not None
     column, row = np.floor(template.place[0]).astype(int)
     assert land[row, column]
+
+
+@pytest.mark.parametrize("way", ["hand", "d"])
+@pytest.mark.parametrize("name", ["sift", "orb", "surf"])
+def test_a_distance_is_told_as_the_distance_it_is__law(name: str, way: Way) -> None:
+    """From nought for the same descriptor to what two can differ at most; less is more alike."""
+    pair = shifted_pair()
+    search = OperatorSearch(name, way, pair, SIZES)
+    template = search.template_at(np.array([[SIDE / 2, SIDE / 2]]))
+    assert template is not None
+    likeness = search.likeness(template, template.place)
+    kind, times = search.measure
+    told = times * likeness.scores
+    assert kind == ("bits" if name == "orb" else "distance")
+    # Half the sphere of descriptors without negative parts is the square root of two wide.
+    assert 0 <= told.min() < told.max() <= (256 if name == "orb" else 2.0)
+    assert told.argmin() == likeness.scores.argmax()
+    if kind == "bits":
+        assert np.allclose(told, np.round(told), atol=1e-3)
+
+
+def test_an_unknown_detector_is_no_orb__law() -> None:
+    with pytest.raises(ProjectError, match=r"brisk: is no detector\. Take sift, orb or surf\."):
+        detector_named("brisk")
