@@ -87,12 +87,15 @@ def text_keys(lesson: Lesson) -> set[str]:
     for name, value in [("", 0.0), *ends]:
         # Some states show nothing, which the page tells.
         with suppress(ArithmeticError, np.linalg.LinAlgError):
-            keys |= _view_keys(lesson.view(lesson.start | ({name: float(value)} if name else {})))
+            keys |= view_keys(lesson.view(lesson.start | ({name: float(value)} if name else {})))
     return keys
 
 
-def _view_keys(view: View) -> set[str]:
-    keys = {f"{part}.{view.step}" for part in ("step", "source_of") if view.step}
+def view_keys(view: View) -> set[str]:
+    """The texts of one state; labels apart."""
+    keys = {f"idle.{reason}" for reason in view.idle.values()}
+    keys |= {f"warning.{view.warning}"} if view.warning else set()
+    keys |= {f"{part}.{view.step}" for part in ("step", "source_of") if view.step}
     keys |= {f"figure.{one}" for one in view.figures}
     keys |= {f"canvas.{one.name}" for one in view.canvases}
     if view.plot is not None:
@@ -208,12 +211,14 @@ class Teacher:
             LessonError: No such question.
         """
         question = self._question(name, which)
-        right = question.ask(np.random.default_rng(abs(seed) % MOST_SEED)).answer
-        is_right = answer is not None and abs(answer - right) <= question.tolerance
-        opposite = answer is not None and abs(answer + right) <= question.tolerance
+        asked = question.ask(np.random.default_rng(abs(seed) % MOST_SEED))
+        right, within = asked.answer, question.tolerance
+        within = within if asked.tolerance is None else asked.tolerance
+        is_right = answer is not None and abs(answer - right) <= within
+        opposite = answer is not None and abs(answer + right) <= within
         told = {
             "right": is_right, "opposite": opposite and not is_right,
-            "tolerance": question.tolerance, "digits": question.digits,
+            "tolerance": within, "digits": question.digits,
         }  # fmt: skip
         return {**told, "answer": right} if is_right or answer is None else told
 
@@ -241,7 +246,7 @@ class Teacher:
         values = " ".join(f"{key}={value:g}" for key, value in asked.items())
         right = round(told["answer"], question.digits + 2)
         return [given["when"], student, name, question.name, values, answer, right, question.unit,
-                question.tolerance, result, state, seed]  # fmt: skip
+                told["tolerance"], result, state, seed]  # fmt: skip
 
     def _lesson(self, name: str) -> Lesson:
         lesson = self._lessons.get(name)

@@ -174,7 +174,7 @@ LESSON = sheet.Lesson(
         sheet.Slider("spread", 15, 100, 100, 1, "%"),
         sheet.Slider("x", 0, round(EXTENT[0]), round(EXTENT[0] / 2), 1, "m", moved_in="plan"),
         sheet.Slider("y", 0, round(EXTENT[1]), round(EXTENT[1] / 2), 1, "m", moved_in="plan"),
-        sheet.Slider("count", 4, 60, 20, 1, "", "n"),
+        sheet.Slider("count", 4, 60, 20, 1),
         sheet.Slider("sigma", 0.1, 3, 1, 0.1, "m"),
         sheet.Slider("ties", 0.1, 2, 0.5, 0.1, "px"),
         sheet.SEED,

@@ -7,6 +7,7 @@ import numpy as np
 
 from app.lessons import sheet
 from core.literature.baselines import OPERATORS
+from core.literature.one_window import Kind, measure_of
 from core.matching.peaks import Image, ScoreMap, detect_peaks
 
 NAMES = ("ncc", "gradient", "cfog", "sift", "orb")
@@ -105,14 +106,15 @@ def view(state: sheet.State) -> sheet.View:
         sheet.shape("line", sheet.ellipse(truth[0], np.eye(2) * HIT_M**2), "truth"),
     )
     heights = [float(scores[round(p.row), round(p.column)]) for p in peaks]
-    figures = {
-        "best": sheet.Number(float(scores.max()), 3),
+    measure = measure_of(NAMES[int(state["operator"]) - 1])
+    figures = likeness_told("best", float(scores.max()), measure) | {
         "miss": sheet.Number(float(np.hypot(*(best - shift))), 1, "m", secret=True),
     }
     if len(heights) > 1:
-        figures["second"] = sheet.Number(heights[1], 3)
+        figures |= likeness_told("second", heights[1], measure)
     row = int(np.clip(half + np.rint(shift[1]), 0, 2 * half))
-    profile = sheet.curve("row", np.arange(-half, half + 1), scores[row])
+    kind, times = measure
+    profile = sheet.curve("row", np.arange(-half, half + 1), times * scores[row])
     size = int(state["size"]) // 2 * 2 + 1
     symbols = {
         "n": sheet.Number(size, 0, "px"),
@@ -121,7 +123,21 @@ def view(state: sheet.State) -> sheet.View:
         "d": sheet.Number(HIT_M, 0, "m"),
     }
     canvas = sheet.Canvas("surface", (-edge, -edge, edge, edge), shapes)
-    return sheet.View(figures, (canvas,), symbols, sheet.Plot("x", "likeness", (profile,)))
+    return sheet.View(figures, (canvas,), symbols, sheet.Plot("x", kind, (profile,)))
+
+
+def likeness_told(rank: str, score: float, measure: tuple[Kind, float]) -> dict[str, sheet.Number]:
+    """The figure of a place: its likeness, or the distance or differing bits that it is told by.
+
+    Args:
+        rank: `best` or `second`.
+        score: As the operator gives it.
+        measure: What that is, and by what it is multiplied to be that.
+    """
+    kind, times = measure
+    digits = 0 if kind == "bits" else 3
+    name = rank if kind == "likeness" else f"{rank}_{kind}"
+    return {name: sheet.Number(times * score, digits)}
 
 
 def levels(scores: ScoreMap, half: int) -> list[sheet.Shape]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from app.experiments import Ground, open_ground
 from app.lessons import sheet
+from app.lessons.matching import likeness_told
 from core.arrays import Mask
 from core.literature.common_grid import (
     Band,
@@ -28,6 +29,7 @@ from core.literature.detectors import is_installed
 from core.literature.one_window import (
     FROM_SCAN,
     GridPatch,
+    Kind,
     OperatorSearch,
     Sizes,
     Way,
@@ -234,6 +236,8 @@ class PatchSearch:
     """What is sought, if a point is there."""
     likeness: WindowScores
     """How alike the places of the window are."""
+    measure: tuple[Kind, float] = ("likeness", 1.0)
+    """What that is, and by what its scores are multiplied to be that."""
 
     @property
     def half_m(self) -> float:
@@ -266,7 +270,7 @@ def seek(flight: LessonGround, state: sheet.State) -> PatchSearch:
     search = OperatorSearch(name, way, site.pair, sizes, land, site.roads)
     template = search.template_at(places[0])
     likeness = nothing if template is None else search.likeness(template, centre)
-    return PatchSearch(site, name, way, sizes, centre, template, likeness)
+    return PatchSearch(site, name, way, sizes, centre, template, likeness, search.measure)
 
 
 def view_of(flight: LessonGround, state: sheet.State) -> sheet.View:
@@ -334,9 +338,8 @@ def figures_of(found: PatchSearch, peaks: Places, true: Places | None) -> dict[s
         nearest = np.linalg.norm(likeness.places - place, axis=1).argmin()
         return float(likeness.scores[nearest])
 
-    figures["best"] = sheet.Number(at(peaks[0]), 3)
-    if len(peaks) > 1:
-        figures["second"] = sheet.Number(at(peaks[1]), 3)
+    for rank, place in zip(("best", "second"), peaks, strict=False):
+        figures |= likeness_told(rank, at(place), found.measure)
     off = float(np.linalg.norm(peaks[0] - true)) * gsd
     figures["miss"] = sheet.Number(off, 1, "m", secret=True)
     if np.linalg.norm(likeness.places - true, axis=1).min() * gsd <= WRONG_M:
@@ -417,16 +420,16 @@ def colours_of(surface: np.ndarray) -> np.ndarray:
 
 def profile_of(found: PatchSearch) -> sheet.Plot | None:
     """Likeness along the row of the best place, or of the points in the order of likeness."""
-    likeness, half = found.likeness, found.sizes.half
+    likeness, half, (kind, times) = found.likeness, found.sizes.half, found.measure
     if likeness.surface is not None:
         row = np.unravel_index(int(likeness.surface.argmax()), likeness.surface.shape)[0]
         east = np.arange(-half, half + 1) * found.site.gsd_m
-        return sheet.Plot("x", "likeness", (sheet.curve("row", east, likeness.surface[row]),))
+        return sheet.Plot("x", kind, (sheet.curve("row", east, times * likeness.surface[row]),))
     if len(likeness.scores) < 2:
         return None
-    ranked = np.sort(likeness.scores)[::-1]
+    ranked = times * np.sort(likeness.scores)[::-1]
     ranks = np.arange(1, len(ranked) + 1)
-    return sheet.Plot("rank", "likeness", (sheet.curve("points", ranks, ranked),))
+    return sheet.Plot("rank", kind, (sheet.curve("points", ranks, ranked),))
 
 
 def ask(rng: np.random.Generator) -> sheet.Asked:

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import cast
 
 import numpy as np
 
 from app.lessons import sheet
-from core.arrays import Flags, ObjectPoints, PixelPoints, Scalars
+from core.arrays import Flags, Indices, Matrix, ObjectPoints, PixelPoints, Scalars
+from core.geometry.robust import log10_nfa
 from core.literature.published_chains import (
     AXES,
     BATCH,
@@ -20,6 +20,7 @@ from core.literature.published_chains import (
     Transform,
     conditioned,
     distances,
+    places_by,
     solved,
 )
 
@@ -30,6 +31,24 @@ SAMPLES = 20_000
 """So many samples are drawn at most; the thesis draws 100 000."""
 BLOCKS = (MILOVICE_1938, MILOVICE_1989, KOBYLI_1938, KOBYLI_1984)
 """Settings by the number of the choice; nought are those of the sliders (thesis, Table 6)."""
+TRANSFORMS: tuple[Transform, ...] = ("dlt", "projective")
+PHASES = ("sample", "model", "agreeing", "best")
+"""What one step after the other shows of each sample."""
+STEPPED = 50
+"""So many samples can be gone through."""
+RIGHT_SAMPLES = sheet.Equation("E", sheet.row("s", "*", sheet.power("w", "m")))
+RIGHT_SAMPLE = sheet.Equation("p", sheet.power("w", "m"))
+FALSE_ALARMS = sheet.Equation(
+    "NFA",
+    sheet.row(
+        ["fence", sheet.row("N", "−", "m")], "*",
+        "C", ["fence", sheet.row("N", ",", "k")], "*",
+        "C", ["fence", sheet.row("k", ",", "m")], "*",
+        sheet.power("α", sheet.row("k", "−", "m")),
+    ),
+)  # fmt: skip
+TIMES = 8.0
+"""Shifts are drawn so many times their length."""
 
 
 @lru_cache(maxsize=64)
@@ -40,14 +59,19 @@ def candidates(
     rng = np.random.default_rng(seed)
     plan = rng.uniform(0, SIDE_M, (count, 2))
     heights = RELIEF_M * np.sin(plan[:, 0] / 500) * np.cos(plan[:, 1] / 700)
+    points = np.column_stack([plan, heights])
     right = np.arange(count) < round(share * count)
-    places = np.column_stack([plan[:, 0], SIDE_M - plan[:, 1]])
     # What is right is off by a metre, what is wrong lies anywhere in its search window.
     off = np.where(
         right[:, None], rng.normal(0, 1, (count, 2)), rng.uniform(-half_m, half_m, (count, 2))
     )
-    lean = 0.15 * heights[:, None] * (places / SIDE_M - 0.5)
-    return np.column_stack([plan, heights]), places + lean + off, np.asarray(right)
+    return points, expected(points) + off, np.asarray(right)
+
+
+def expected(points: ObjectPoints) -> PixelPoints:
+    """Where the photo truly shows known points: at 1 m a pixel, leaning with their height."""
+    flat = np.column_stack([points[:, 0], SIDE_M - points[:, 1]])
+    return flat + 0.15 * points[:, 2:] * (flat / SIDE_M - 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +89,27 @@ class RansacSearch:
     transform: Transform
     """What a sample determines."""
 
+    @property
+    def size(self) -> int:
+        """Points in a sample."""
+        return SAMPLES_OF[self.transform]
+
+    def log10_nfa(self, agreeing: int, limit_m: float) -> float:
+        """How often chance would make so many agree: the window is as wide as it is high."""
+        chance = min(1.0, self.chance(limit_m))
+        return log10_nfa(self.count, agreeing, self.size, chance)
+
+    def chance(self, limit_m: float) -> float:
+        """The circle within which a candidate agrees, over its search window."""
+        return float(np.pi * limit_m**2 / (2 * self.half_m) ** 2)
+
+
+def samples_of(search: RansacSearch, batch: int) -> Indices:
+    """The candidates of each sample of a batch."""
+    rng = np.random.default_rng((search.seed, batch))
+    drawn = np.argsort(rng.random((BATCH, search.count)), axis=1)
+    return drawn[:, : search.size]
+
 
 @lru_cache(maxsize=64)
 def solve_batch(search: RansacSearch, batch: int) -> Models:
@@ -73,9 +118,7 @@ def solve_batch(search: RansacSearch, batch: int) -> Models:
     These take the time. Distances of all candidates from all samples would take 2.5 MB a batch.
     """
     points, pixels, _ = candidates(search.count, search.share, search.half_m, search.seed)
-    rng = np.random.default_rng((search.seed, batch))
-    drawn = np.argsort(rng.random((BATCH, search.count)), axis=1)
-    drawn = drawn[:, : SAMPLES_OF[search.transform]]
+    drawn = samples_of(search, batch)
     ground, image = conditioned(points[:, : AXES[search.transform]]), conditioned(pixels)
     return solved(ground[drawn], image[drawn])
 
@@ -107,7 +150,7 @@ def search_best(search: RansacSearch, limit_m: float, samples: int) -> tuple[Sca
 
 def search_of(state: sheet.State) -> tuple[RansacSearch, float]:
     """The search that the sliders or a block of the thesis make, and within what agrees, metres."""
-    half, limit, transform = state["half"], state["limit"], cast("Transform", "dlt")
+    half, limit, transform = state["half"], state["limit"], TRANSFORMS[int(state["model"]) - 1]
     if state["block"]:
         options = BLOCKS[int(state["block"]) - 1]
         half = (options.window - options.template) / 2
@@ -117,23 +160,36 @@ def search_of(state: sheet.State) -> tuple[RansacSearch, float]:
 
 
 def view(state: sheet.State) -> sheet.View:
-    """The candidates, the best sample, and the same search in nothing but chance."""
+    """The whole search beside one in nothing but chance, or one of its samples."""
     search, limit = search_of(state)
-    count, share, samples = search.count, search.share, int(state["samples"])
-    points, _, right = candidates(count, share, search.half_m, search.seed)
+    step = int(state["step"])
+    idle = dict[str, str]()
+    more = dict[str, sheet.Number]()
+    if state["block"]:
+        idle = dict.fromkeys(("model", "half", "limit"), f"block_{search.transform}")
+        more = {
+            "half": sheet.Number(search.half_m, 1, "m"),
+            "limit": sheet.Number(limit, 1, "m"),
+        }
+    if step:
+        sample, phase = divmod(step - 1, len(PHASES))
+        found, idle = one_sample(search, limit, sample, PHASES[phase]), idle | {"samples": "steps"}
+    else:
+        found = whole_search(search, limit, int(state["samples"]))
+    return replace(found, figures={**found.figures, **more}, idle=idle)
+
+
+def whole_search(search: RansacSearch, limit: float, samples: int) -> sheet.View:
+    """The candidates, the best sample, and the same search in nothing but chance."""
+    points, _, right = candidates(search.count, search.share, search.half_m, search.seed)
     best, agrees = search_best(search, limit, samples)
     noise = replace(search, share=0.0, seed=search.seed + 500)
     chance, _ = search_best(noise, limit, samples)
-    size = SAMPLES_OF[search.transform]
     plan = points[:, :2]
-    edge = 0.03 * SIDE_M
     shapes = [
         sheet.shape("dots", plan[~agrees], "faint"),
         sheet.shape("dots", plan[agrees], "estimate"),
-        *(
-            sheet.shape("line", sheet.ellipse(place, np.eye(2) * 45**2), "truth")
-            for place in plan[right]
-        ),
+        *rings_of(plan[right]),
     ]
     steps = np.arange(1, samples + 1)
     kept = np.unique(np.geomspace(1, samples, 80).astype(int)) - 1
@@ -141,22 +197,124 @@ def view(state: sheet.State) -> sheet.View:
         sheet.curve("best", np.log10(steps[kept]), best[kept]),
         sheet.curve("chance", np.log10(steps[kept]), chance[kept], "bad"),
     )
+    most = int(best[-1])
     figures = {
-        "best": sheet.Number(float(best[-1]), 0, "", round(share * count)),
+        "best": sheet.Number(most, 0, "", round(search.share * search.count)),
+        **alarms_of(search, limit, most),
         "chance": sheet.Number(float(chance[-1]), 0),
         "right": sheet.Number(float((agrees & right).sum()), 0, secret=True),
-        "all_right": sheet.Number(all_right(share, samples, size), 1),
-        "half": sheet.Number(search.half_m, 1, "m"),
-        "limit": sheet.Number(limit, 1, "m"),
+        "all_right": sheet.Number(all_right(search.share, samples, search.size), 1),
     }
-    canvas = sheet.Canvas("plan", (-edge, -edge, SIDE_M + edge, SIDE_M + edge), tuple(shapes))
-    symbols = {
-        "w": sheet.Number(share, 2),
+    symbols = symbols_of(search, limit, most) | {
         "E": figures["all_right"],
-        "k": sheet.Number(samples, 0),
-        "m": sheet.Number(size, 0),
+        "s": sheet.Number(samples, 0),
     }
-    return sheet.View(figures, (canvas,), symbols, sheet.Plot("samples", "best", curves))
+    plot = sheet.Plot("samples", "best", curves)
+    return sheet.View(figures, (canvas_of("plan", shapes),), symbols, plot)
+
+
+def alarms_of(search: RansacSearch, limit: float, agreeing: int) -> dict[str, sheet.Number]:
+    """The number of false alarms; of no more than a sample there is nothing to say."""
+    if agreeing <= search.size:
+        return {}
+    return {"nfa": sheet.Number(search.log10_nfa(agreeing, limit), 1)}
+
+
+def symbols_of(search: RansacSearch, limit: float, agreeing: int) -> dict[str, sheet.Number]:
+    """Numbers of the formulas."""
+    return {
+        "w": sheet.Number(search.share, 2),
+        "m": sheet.Number(search.size, 0),
+        "k": sheet.Number(agreeing, 0),
+        "α": sheet.Number(search.chance(limit), 4),
+    }
+
+
+def canvas_of(name: str, shapes: list[sheet.Shape]) -> sheet.Canvas:
+    """The ground of the photo."""
+    edge = 0.03 * SIDE_M
+    return sheet.Canvas(name, (-edge, -edge, SIDE_M + edge, SIDE_M + edge), tuple(shapes))
+
+
+def rings_of(plan: Matrix) -> list[sheet.Shape]:
+    """Rings about what is right."""
+    return [sheet.shape("line", sheet.ellipse(at, np.eye(2) * 45**2), "truth") for at in plan]
+
+
+def one_sample(search: RansacSearch, limit: float, sample: int, phase: str) -> sheet.View:
+    """One sample, its model, what agrees with it, and the best so far.
+
+    Args:
+        search: The search.
+        limit: Within what a candidate agrees, metres.
+        sample: Its place in the search, from nought.
+        phase: One of `PHASES`.
+    """
+    points, pixels, right = candidates(search.count, search.share, search.half_m, search.seed)
+    ground, image = conditioned(points[:, : AXES[search.transform]]), conditioned(pixels)
+    told, is_best = phase in ("agreeing", "best"), phase == "best"
+    counts = score_batch(search, 0, limit, sample + 1)[0]
+    drawn = int(np.argmax(counts)) if is_best else sample
+    model = solve_batch(search, 0)[drawn : drawn + 1]
+    spread = float(np.std(pixels - pixels.mean(axis=0)))
+    agrees = distances(model, ground, image)[0] * spread < limit
+    computed = np.column_stack([part[0] for part in places_by(model, ground)])
+    computed = computed * spread + pixels.mean(axis=0)
+    figures = {"sample": sheet.Number(sample + 1, 0), "size": sheet.Number(search.size, 0)}
+    own, most = float(counts[sample]), int(agrees.sum())
+    if told:
+        figures["agree"] = sheet.Number(own, 0)
+    if is_best:
+        figures["best"] = sheet.Number(most, 0)
+        figures |= alarms_of(search, limit, most)
+    shapes = shifts_shown(
+        points, pixels, samples_of(search, 0)[drawn], None if phase == "sample" else computed
+    )
+    if told:
+        shapes.append(sheet.shape("dots", points[agrees, :2], "estimate"))
+    steps, at = np.arange(1, sample + 2), (float(sample + 1), own)
+    curves = (
+        sheet.curve("each", steps, counts, "second"),
+        sheet.curve("best", steps, np.maximum.accumulate(counts)),
+    )
+    plot = sheet.Plot("sample", "best", curves, at) if told and sample else None
+    symbols = symbols_of(search, limit, most)
+    symbols["p"] = sheet.Number(all_right(search.share, 1, search.size), 4)
+    return sheet.View(
+        figures,
+        (canvas_of("shifts", [*shapes, *rings_of(points[right, :2])]),),
+        symbols,
+        plot,
+        step=phase,
+        equations=(FALSE_ALARMS if "nfa" in figures else RIGHT_SAMPLE,),
+    )
+
+
+def shifts_shown(
+    points: ObjectPoints, pixels: PixelPoints, drawn: Indices, computed: PixelPoints | None
+) -> list[sheet.Shape]:
+    """Where candidates were found and where a model puts them, from where they are expected.
+
+    Args:
+        points: Known points.
+        pixels: Their candidates.
+        drawn: The candidates of the sample.
+        computed: Where its model puts all of them; None before it is solved.
+    """
+    plan, middle = points[:, :2], expected(points)
+    found = plan + TIMES * (pixels - middle) * [1, -1]
+    shapes = [sheet.shape("arrow", ends, "faint") for ends in np.stack([plan, found], axis=1)]
+    if computed is not None:
+        shift = TIMES * (computed - middle) * [1, -1]
+        # What a bad model throws out of the picture points there, no further.
+        length = np.linalg.norm(shift, axis=1, keepdims=True)
+        shift *= np.minimum(1.0, 0.12 * SIDE_M / np.maximum(length, 1e-9))
+        shapes += [
+            sheet.shape("arrow", ends, "second") for ends in np.stack([plan, plan + shift], axis=1)
+        ]
+    shapes += [sheet.shape("arrow", [plan[i], found[i]], "bad") for i in drawn]
+    shapes.append(sheet.shape("crosses", plan[drawn], "bad"))
+    return shapes
 
 
 def all_right(share: float, samples: int, size: int) -> float:
@@ -167,23 +325,27 @@ def all_right(share: float, samples: int, size: int) -> float:
 def ask(rng: np.random.Generator) -> sheet.Asked:
     """How many samples it takes to draw right candidates alone once."""
     share, size = float(rng.integers(6, 13) * 5), SAMPLES_OF["dlt"]
-    return sheet.Asked({"w": share, "m": size}, 1 / all_right(share / 100, 1, size))
+    answer = 1 / all_right(share / 100, 1, size)
+    # From 21 samples to 1372: a twentieth, and what rounding to whole ones takes.
+    return sheet.Asked({"w": share, "m": size}, answer, max(0.5, 0.05 * answer))
 
 
 LESSON = sheet.Lesson(
     "ransac",
     "i",
     (
+        sheet.Slider("step", 0, STEPPED * len(PHASES), 0, 1),
         sheet.Slider("block", 0, len(BLOCKS), 0, 1),
-        sheet.Slider("N", 20, 160, 95, 5),
+        sheet.Slider("model", 1, len(TRANSFORMS), 2, 1),
+        sheet.Slider("N", 20, 160, 95, 5, "", "N"),
         sheet.Slider("share", 0, 60, 0, 2, "%"),
         sheet.Slider("half", 10, 60, 29, 1, "m"),
         sheet.Slider("limit", 1, 10, 4, 0.5, "m"),
-        sheet.Slider("samples", 50, SAMPLES, BATCH, 50, "", "k"),
+        sheet.Slider("samples", 50, SAMPLES, BATCH, 50, "", "s"),
         sheet.SEED,
     ),
     view,
-    (sheet.Equation("E", sheet.row("k", "*", sheet.power("w", "m"))),),
-    (sheet.Question("samples", "", 1.0, ask, 0),),
+    (RIGHT_SAMPLES, FALSE_ALARMS),
+    (sheet.Question("samples", "", 0.5, ask, 0),),
     hides_truth=True,
 )

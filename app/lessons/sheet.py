@@ -38,7 +38,7 @@ class Slider:
     """One thing that is moved."""
 
     name: str
-    """Its key in the state and in the texts."""
+    """Its key in the state and in the texts; `step` is moved by two buttons as well."""
     low: float
     """Least value, in its unit."""
     high: float
@@ -181,6 +181,10 @@ class View:
     """Of a lesson in steps: its texts are `step.STEP` and `source_of.STEP`."""
     equations: tuple[Equation, ...] = ()
     """Those of the step, in the place of the lesson's."""
+    idle: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Sliders that move nothing in this state, each with the name of its reason (`idle.REASON`)."""
+    warning: str = ""
+    """What to beware of in this state (`warning.WARNING`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,6 +195,8 @@ class Asked:
     """What stands in the places of its text."""
     answer: float
     """The right one, in the question's unit."""
+    tolerance: float | None = None
+    """Where it depends on the numbers; None for the question's."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,6 +33,8 @@ CONTROL = EXTENT * np.array(
 GNSS_M = 0.1
 """Standard deviation of centres from GNSS, metres."""
 HELD = AdjustmentOptions(estimate_cameras=False, robust=False)
+TAKE_CENTRES = (3, 4)
+"""Methods by their number into which measured perspective centres enter."""
 RADIAL: tuple[RadialPoint, ...] = ("principal", "isocentre", "nadir")
 RADIUS_MM = 80.0
 """The formula's example: a point so far from the principal point, across the tilt."""
@@ -147,7 +149,7 @@ def view(state: sheet.State) -> sheet.View:
         sheet.shape("dots", flight.ties[:, :2], "faint"),
         sheet.shape("crosses", CONTROL[:count], "given"),
     ]
-    if state["gnss"]:
+    if state["gnss"] and int(state["method"]) in TAKE_CENTRES:
         centres = [photo.exterior.centre[:2] for photo in flight.photos.values()]
         shapes.append(sheet.shape("dots", centres, "given"))
     tilt = float(np.tan(np.radians(state["tilt"])))
@@ -174,7 +176,22 @@ def view(state: sheet.State) -> sheet.View:
     length, width = EXTENT.tolist()
     room = 0.06 * length
     canvas = sheet.Canvas("plan", (-room, -room, length + room, width + room), tuple(shapes))
-    return sheet.View(figures, (canvas, scene(flight, off, state)), symbols, plot)
+    idle, warning = limits_of(state)
+    return sheet.View(
+        figures, (canvas, scene(flight, off, state)), symbols, plot, idle=idle, warning=warning
+    )
+
+
+def limits_of(state: sheet.State) -> tuple[dict[str, str], str]:
+    """Sliders that a method does not know, and what it leaves open."""
+    method, idle = int(state["method"]), dict[str, str]()
+    if method != 1:
+        idle["about"] = "radial_only"
+    if method not in TAKE_CENTRES:
+        return idle | {"gnss": "directions" if method == 1 else "joined"}, ""
+    # A body hangs on three points; about the line of two it turns.
+    turns = state["control"] < 3 and not state["gnss"]
+    return idle, "turns" if turns else ""
 
 
 def scene(flight: Flight, off: Matrix | None, state: sheet.State) -> sheet.Canvas:

@@ -73,6 +73,10 @@ def test_a_lesson_is_moved_and_answered_without_an_error__law(learn, name):
         before = page.locator("#drawings").inner_html() + page.locator("#below").inner_html()
         box = page.locator(f"#slider-{slider.name}")
         value = slider.low if slider.start != slider.low else slider.high
+        if box.is_disabled():
+            row = page.locator(f"[data-slider={slider.name}]")
+            assert row.locator(".idle").inner_text(), "moves nothing, and does not say why"
+            continue
         if slider.is_switch:
             box.click()
         else:
@@ -204,6 +208,41 @@ def test_every_choice_lies_within_its_room__law(learn, size):
     page, _ = learn("places", size={"width": size[0], "height": size[1]})
     room = page.locator("#controls")
     assert room.evaluate("e => e.scrollWidth <= e.clientWidth")
+
+
+def test_ransac_goes_forward_and_back_by_one_step__law(learn):
+    page, wrong = learn("ransac")
+    words = Teacher(LESSONS).listed("en")["words"]
+    for phase in ("sample", "model", "agreeing", "best", "sample"):
+        page.locator("[data-pace=forward]").click()
+        settled(page)
+        assert page.locator("#about p").first.inner_text() == words[f"lesson.ransac.step.{phase}"]
+    assert page.locator("#slider-samples").is_disabled()
+    assert page.locator("[data-figure=sample]").get_attribute("data-value") == "2"
+    for _ in range(6):
+        page.locator("[data-pace=back]").click()
+        settled(page)
+    assert page.evaluate("gruber.state.values.step") == 0
+    assert page.locator("#about p").first.inner_text() == words["lesson.ransac.idea"]
+    assert wrong == []
+
+
+def test_what_moves_nothing_is_shut_and_says_why__law(learn):
+    page, wrong = learn("triangulation")
+    why = page.locator("[data-slider=gnss] .idle")
+    for method, shut in ((1, True), (2, True), (3, False), (4, False)):
+        page.locator(f"[data-choice=method][data-value='{method}']").click()
+        settled(page)
+        assert page.locator("#slider-gnss").is_disabled() == shut
+        assert why.count() == shut
+        assert page.locator("[data-choice=about].on").count() == (method == 1)
+    page.locator("#slider-control").fill("2")
+    settled(page)
+    assert "turn about the line" in page.locator("#figures .beware").inner_text()
+    page.locator("#slider-gnss").click()
+    settled(page)
+    assert page.locator("#figures .beware").count() == 0
+    assert wrong == []
 
 
 def test_the_truth_is_shown_on_demand_and_a_link_keeps_the_state__law(learn, lessons):

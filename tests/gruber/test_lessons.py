@@ -51,7 +51,7 @@ def test_orientation_tells_what_fixes_a_photo_and_finds_what_was_hidden__truth()
 def test_chance_alone_brings_ten_candidates_together__paper() -> None:
     """METHODS 1.4: 10.3 on average; as tests/app/lessons/test_textbook.py has it."""
     told = run_of("ransac")
-    assert np.mean(told["counts"]) == pytest.approx(10.3, abs=1.5)
+    assert np.mean(told["counts"]) == pytest.approx(10.3, abs=1.0)
     assert told["found"][-1]["right"] > told["found"][-1]["chance"]
 
 

@@ -873,4 +873,7 @@ interface LessonView {
   /** Of a lesson in steps: what its texts are called, and its own formulas. */
   step: string;
   equations: Equation[];
+  /** Sliders that move nothing now, each with its reason. */
+  idle: Record<string, string>;
+  warning: string;
 }

@@ -6,7 +6,7 @@ import pytest
 from app.lessons import relative, sheet, space
 from app.lessons.photo import camera_with, photo_model, tilted_at, vertical_at
 from app.lessons.sheet import LessonError
-from app.teaching import Teacher, find_lessons, plain, state_of, text_keys
+from app.teaching import Teacher, find_lessons, plain, state_of, text_keys, view_keys
 from core.geometry.collinearity import film_from_object, object_from_film, refraction_constant
 from core.geometry.image_corrections import (
     curvature_um,
@@ -44,6 +44,9 @@ def test_a_moved_slider_leaves_every_figure_finite__law(name: str, which: str) -
         assert view.canvases
         assert all(canvas.shapes for canvas in view.canvases)
         seen.append(str(plain(view)))
+    if which in lesson.view(lesson.start).idle:
+        assert len(set(seen)) == 1, "moves, though it is said to move nothing"
+        return
     # Two seeds draw the same only by accident, and what a slider moves is seen.
     assert len(set(seen)) > 1, "nothing moves"
 
@@ -59,6 +62,10 @@ def test_every_text_of_a_lesson_is_there__law(name: str) -> None:
     keys = text_keys(LESSONS[name])
     view = LESSONS[name].view(LESSONS[name].start)
     keys |= {f"label.{one.label}" for c in view.canvases for one in c.shapes if one.label}
+    for one in LESSONS[name].sliders:
+        if one.name in ("method", "block", "operator"):
+            for number in np.arange(one.low, one.high + 1):
+                keys |= view_keys(LESSONS[name].view(LESSONS[name].start | {one.name: number}))
     for language in LANGUAGES:
         told = Teacher(LESSONS).listed(language)["words"]
         assert {key for key in keys if f"lesson.{name}.{key}" not in told} == set()
@@ -67,12 +74,13 @@ def test_every_text_of_a_lesson_is_there__law(name: str) -> None:
 @pytest.mark.parametrize("name", LESSONS)
 def test_a_question_takes_its_answer_and_no_other__law(name: str) -> None:
     teacher = Teacher(LESSONS)
-    for which, question in enumerate(LESSONS[name].questions):
+    for which in range(len(LESSONS[name].questions)):
         for seed in range(5):
             truth = teacher.judge(name, which, seed, None)["answer"]
             assert teacher.judge(name, which, seed, truth)["right"]
-            away = truth + 1.5 * question.tolerance
-            wrong = teacher.judge(name, which, seed, away)
+            within = teacher.judge(name, which, seed, truth)["tolerance"]
+            assert within > 0
+            wrong = teacher.judge(name, which, seed, truth + 1.5 * within)
             assert not wrong["right"]
             assert "answer" not in wrong
             # The right amount with the other sign is told as such.
@@ -126,7 +134,7 @@ def told_truths(value: object) -> list[object]:
 def test_hidden_truth_is_not_sent__law(name: str) -> None:
     teacher, lesson = Teacher(LESSONS), LESSONS[name]
     steps = [one for one in lesson.sliders if one.name == "step"]
-    states = [{"step": float(k)} for one in steps for k in range(1, int(one.high) + 1)] or [{}]
+    states = [{}, *({"step": float(k)} for one in steps for k in range(1, int(one.high) + 1))]
     shown = []
     for state in states:
         assert told_truths(teacher.view(name, state, False)) == []
@@ -335,6 +343,28 @@ def test_errors_of_the_block_are_as_large_as_it_says__truth() -> None:
         for s in range(1, 9)
     ]
     assert all(0.85 < sigma < 1.15 for sigma in seen)
+
+
+def test_centres_from_gnss_enter_where_the_lesson_lets_them__law() -> None:
+    """Radially and by strips the switch does nothing and is shut; models and bundle take them."""
+    lesson = LESSONS["triangulation"]
+    for method in (1.0, 2.0, 3.0, 4.0):
+        without, with_ = (lesson.view(lesson.start | {"method": method, "gnss": g}) for g in (0, 1))
+        same = plain(without.figures) == plain(with_.figures)
+        assert same == ("gnss" in with_.idle) == (method < 3)
+        turned = lesson.view(lesson.start | {"method": method, "about": 3.0})
+        assert (plain(turned.figures) == plain(without.figures)) == ("about" in turned.idle)
+
+
+def test_two_known_points_are_warned_of_where_heights_are_lost__truth() -> None:
+    lesson = LESSONS["triangulation"]
+    for method in (3.0, 4.0):
+        for control in (2.0, 3.0, 4.0):
+            for gnss in (0.0, 1.0):
+                state = {"method": method, "control": control, "gnss": gnss}
+                view = lesson.view(lesson.start | state)
+                # Metres: with three points, or centres, it is half a metre.
+                assert (view.figures["height"].value > 3) == bool(view.warning)
 
 
 def test_four_methods_on_one_flight_rank_as_the_books_say__paper() -> None:

@@ -3,7 +3,7 @@ import { element, number } from "./words.js";
 
 const MATH = "http://www.w3.org/1998/Math/MathML";
 const GROUPED = 10_000; // design: shorter numbers are read without a gap
-const SIGNS = new Set(["+", "\u2212", "=", "(", ")", "\u00b1", "\u2248"]);
+const SIGNS = new Set([",", "+", "\u2212", "=", "(", ")", "\u00b1", "\u2248"]);
 const FUNCTIONS = new Set(["sin", "cos", "tan"]);
 
 /** A number with its unit. @param {LessonNumber} shown */

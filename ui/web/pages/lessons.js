@@ -107,7 +107,7 @@ function sliderRow(slider) {
     const box = element("input", { type: "checkbox", id: `slider-${name}`, "data-name": name,
       oninput: () => set(name, box.checked ? 1 : 0) });
     box.checked = Boolean(state.values[name]);
-    return element("label", { class: "slider on-off" }, box, title);
+    return element("label", { class: "slider on-off", "data-slider": name }, box, title);
   }
   if (`lesson.${state.lesson.name}.choice.${name}.${low}` in start.words) return choices(slider);
   const range = element("input", { type: "range", id: `slider-${name}`, min: low, max: high, step,
@@ -121,9 +121,20 @@ function sliderRow(slider) {
   range.value = `${state.values[name]}`;
   typed.value = written(state.values[name]);
   const hue = hueOf(slider);
-  return element("div", { class: `slider ${hue === undefined ? "" : `hue-${hue}`}` },
-    element("label", { for: `slider-${name}` }, title, symbol ? symbolShown(symbol) : null),
-    element("span", { class: "typed" }, typed, element("span", { class: "unit" }, unit)), range);
+  return element("div", { class: `slider ${hue === undefined ? "" : `hue-${hue}`}`,
+    "data-slider": name },
+  element("label", { for: `slider-${name}` }, title, symbol ? symbolShown(symbol) : null),
+  element("span", { class: "typed" }, ...(name === "step" ? paced(slider, typed)
+    : [typed, element("span", { class: "unit" }, unit)])), range);
+}
+
+/** A field with buttons that go through a lesson's steps. @param {LessonSlider} slider */
+function paced({ name, low, high, step }, /** @type {Node} */ field) {
+  const by = (/** @type {string} */ key, /** @type {string} */ sign, /** @type {number} */ way) =>
+    element("button", { type: "button", class: "small", title: word(`teach.${key}`),
+      "aria-label": word(`teach.${key}`), "data-pace": key, onclick: () =>
+        set(name, Math.min(Math.max(state.values[name] + way * step, low), high)) }, sign);
+  return [by("back", "\u25c0", -1), field, by("forward", "\u25b6", 1)];
 }
 
 /** A slider whose few values have names. @param {LessonSlider} slider */
@@ -136,7 +147,8 @@ function choices({ name, low, high, step }) {
     turn(made, state.values[name] === value);
     return made;
   });
-  return element("div", { class: "slider" }, element("span", {}, text(`slider.${name}`)),
+  return element("div", { class: "slider", "data-slider": name },
+    element("span", {}, text(`slider.${name}`)),
     element("div", { class: "segments choices" }, ...buttons));
 }
 
@@ -217,7 +229,8 @@ function show() {
   state.show ??= drawingRooms(byId("drawings"), view.canvases, {
     text, move, describe: (names) => names.map((name) => text(`slider.${name}`)).join(", "),
   });
-  if (view.step) first("#about p").textContent = text(`step.${view.step}`);
+  first("#about p").textContent = text(view.step ? `step.${view.step}` : "idea");
+  showIdle(view);
   byId("plot").hidden = !view.plot;
   showFormulas(view, lesson);
   showFigures(view);
@@ -252,14 +265,36 @@ function showFormulas({ symbols, step, equations: own }, { sliders, equations })
   });
 }
 
+/** Sliders that move nothing now cannot be moved, and say why. @param {LessonView} view */
+function showIdle({ idle }) {
+  const said = new Set();
+  for (const row of all("#sliders [data-slider]")) {
+    const reason = idle[row.dataset.slider ?? ""];
+    for (const input of /** @type {NodeListOf<HTMLInputElement | HTMLButtonElement>} */ (
+      row.querySelectorAll("input, button"))) input.disabled = Boolean(reason);
+    for (const button of /** @type {NodeListOf<HTMLElement>} */ (
+      row.querySelectorAll("[data-choice]"))) {
+      const { choice, value } = button.dataset;
+      turn(button, !reason && state.values[choice ?? ""] === Number(value));
+    }
+    row.querySelector(".idle")?.remove();
+    // One reason of several sliders is said under the first of them.
+    if (reason && !said.has(reason)) {
+      row.append(element("small", { class: "idle" }, text(`idle.${reason}`)));
+    }
+    said.add(reason);
+  }
+}
+
 /** @param {LessonView} view */
-function showFigures({ figures }) {
+function showFigures({ figures, warning }) {
   const rows = Object.entries(figures).map(([name, shown]) => element("div",
     { class: "figure", "data-figure": name, "data-value": `${shown.value}` },
     element("span", {}, text(`figure.${name}`)), element("b", {}, told(shown)),
     shown.truth === null ? null
       : element("em", {}, `${word("teach.truth.is")} ${told({ ...shown, value: shown.truth })}`)));
-  byId("figures").replaceChildren(element("h2", {}, word("teach.figures")), ...rows);
+  const beware = warning ? [element("p", { class: "beware" }, text(`warning.${warning}`))] : [];
+  byId("figures").replaceChildren(element("h2", {}, word("teach.figures")), ...beware, ...rows);
 }
 
 /** What opens the lesson as it is now. */

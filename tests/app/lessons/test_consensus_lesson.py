@@ -1,0 +1,110 @@
+"""RANSAC step by step, and the number of false alarms beside the count."""
+
+import math
+
+import numpy as np
+import pytest
+
+from app.lessons.ransac import BLOCKS, LESSON, PHASES, RansacSearch, search_best, search_of
+from app.teaching import Teacher
+from core.geometry.robust import log10_nfa
+from core.literature.published_chains import BATCH
+
+
+def view(**state: float):
+    return LESSON.view(LESSON.start | state)
+
+
+def step_of(sample: int, phase: str) -> float:
+    """The step that shows a phase of a sample, counted from one."""
+    return float((sample - 1) * len(PHASES) + PHASES.index(phase) + 1)
+
+
+@pytest.mark.parametrize("model", [1, 2])
+def test_steps_go_through_the_samples_of_the_whole_search__law(model: int) -> None:
+    """The best after so many samples is that of the search with so many."""
+    state = {"model": float(model), "share": 40.0, "seed": 3.0}
+    search, limit = search_of(LESSON.start | state)
+    for sample in (1, 2, 17, 50):
+        found = view(step=step_of(sample, "best"), **state)
+        counts, best = search_best(search, limit, sample)
+        assert found.step == "best"
+        assert found.figures["sample"].value == sample
+        assert found.figures["best"].value == counts[-1] == best.sum()
+        blue = [s for s in found.canvases[0].shapes if (s.kind, s.look) == ("dots", "estimate")]
+        assert sum(len(one.points) for one in blue) == best.sum()
+
+
+def test_the_model_goes_through_its_sample__law() -> None:
+    """Four points determine a projective transformation: its arrows end where theirs do."""
+    for sample in (1, 5, 50):
+        shapes = view(step=step_of(sample, "model")).canvases[0].shapes
+        drawn = [s.points for s in shapes if (s.kind, s.look) == ("arrow", "bad")]
+        computed = {tuple(s.points[0]): s.points[1] for s in shapes if s.look == "second"}
+        assert len(drawn) == 4
+        for start, end in drawn:
+            assert np.allclose(computed[tuple(start)], end, atol=0.5)
+        found = view(step=step_of(sample, "agreeing")).figures
+        assert found["agree"].value >= found["size"].value == 4
+
+
+def test_the_formula_gives_the_number_of_false_alarms__law() -> None:
+    for state in ({}, {"block": 1.0, "share": 30.0}, {"block": 2.0}, {"model": 1.0, "share": 50.0}):
+        found = view(**state)
+        values = {name: one.value for name, one in found.symbols.items()}
+        n, k, m = int(LESSON.start["N"]), int(values["k"]), int(values["m"])
+        nfa = (n - m) * math.comb(n, k) * math.comb(k, m) * values["α"] ** (k - m)
+        assert math.log10(nfa) == pytest.approx(found.figures["nfa"].value, abs=1e-9)
+
+
+def test_chance_alone_is_no_finding_and_right_candidates_are_one__truth() -> None:
+    """METHODS 5.2: a model is accepted from log NFA = -3."""
+    for block in range(len(BLOCKS) + 1):
+        for seed in (1.0, 2.0, 3.0):
+            assert view(block=float(block), seed=seed).figures["nfa"].value > -3
+            right = view(block=float(block), seed=seed, share=60.0).figures
+            assert right["nfa"].value < -3
+
+
+@pytest.mark.parametrize(
+    ("block", "agreeing", "low", "high"),
+    [(1, 121 / 6, 0, 6), (2, 55 / 3, -29, -25), (3, 157 / 6, -11, -5), (4, 74 / 3, -35, -25)],
+)
+def test_false_alarms_of_the_thesis_are_those_printed__paper(
+    block: int, agreeing: float, low: float, high: float
+) -> None:
+    """METHODS 1.4 with the outputs of table 6 a photo: +2...+6, -27, -8, -35...-26; N = 100."""
+    options = BLOCKS[block - 1]
+    half = (options.window - options.template) / 2
+    search = RansacSearch(100, 0.0, half, 1, options.transform)
+    limit = options.ransac.threshold_px * options.gsd_m
+    assert low < search.log10_nfa(round(agreeing), limit) < high
+
+
+def test_a_sample_alone_is_never_evidence__law() -> None:
+    assert log10_nfa(100, 6, 6, 0.01) == 0.0
+    nfas = [log10_nfa(100, agreeing, 6, 0.01) for agreeing in range(10, 101)]
+    assert all(np.diff(nfas) < 0)
+
+
+def test_the_lesson_opens_with_the_model_of_the_example__paper() -> None:
+    """Thesis 3.10: projective, 4 m; a DLT only where it is chosen, or a block has it."""
+    search, limit = search_of(LESSON.start)
+    assert (search.transform, search.size, limit) == ("projective", 4, 4.0)
+    assert search_of(LESSON.start | {"model": 1.0})[0].transform == "dlt"
+    for number, options in enumerate(BLOCKS, 1):
+        for model in (1.0, 2.0):
+            state = LESSON.start | {"block": float(number), "model": model}
+            assert search_of(state)[0].transform == options.transform
+            assert {"model", "half", "limit"} <= view(**state).idle.keys()
+    assert LESSON.start["samples"] == BATCH
+
+
+def test_an_answer_is_judged_by_its_size__law() -> None:
+    """A twentieth: of 1372 samples 1400 is right, of 21 only 20 to 22."""
+    teacher = Teacher({"ransac": LESSON})
+    for seed in range(30):
+        truth = teacher.judge("ransac", 0, seed, None)["answer"]
+        assert teacher.judge("ransac", 0, seed, 1.04 * truth)["right"]
+        assert teacher.judge("ransac", 0, seed, round(truth))["right"]
+        assert not teacher.judge("ransac", 0, seed, 1.08 * truth)["right"]
