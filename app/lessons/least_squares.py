@@ -95,12 +95,12 @@ def view(state: sheet.State) -> sheet.View:
         "r": sheet.Number(report.redundancy, 0),
         "n": sheet.Number(count - len(report.rejected), 0),
         "δ": sheet.Number(NONCENTRALITY, 2),
-        "r_i": sheet.Number(redundancy, 2),
     }
     # Of a measurement that nothing controls no error is found, however large.
     if redundancy > UNCHECKED:
         least = sheet.Number(NONCENTRALITY * sigma / float(np.sqrt(redundancy)), 1, "px")
         figures["least"] = symbols["∇"] = least
+        symbols["r_i"] = sheet.Number(redundancy, 2)
     return sheet.View(figures, (drawing(state, report),), symbols, plot)
 
 
