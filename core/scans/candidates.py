@@ -27,6 +27,8 @@ LEAST_PEAK = 0.2  # design: texture reaches more
 """Correlation below which a maximum is no candidate."""
 APART_CELLS = 5  # design: as wide as the peak of a thin line
 """Side of the square in which a candidate is the highest."""
+EVEN_MM = 2.0  # design: the housing of a mark; wider, the light of the picture beside it remains
+"""Side of the surroundings whose mean and spread are taken away from a window."""
 LEAST_SPREAD = 0.02  # design: an even window would make any peak significant
 """Spread of correlations that is always reckoned with."""
 
@@ -218,6 +220,20 @@ def fill_window(gray: Field) -> Field:
     top = max(float(np.percentile(gray[inside], 99.5)), 1.0)
     filled = np.where(inside, gray, np.float32(np.median(gray[inside])))
     return filled * np.float32(255.0 / top)
+
+
+def evened(window: SearchWindow, cell_mm: float) -> SearchWindow:
+    """A window in which dim places have as much contrast as bright ones (Wallis 1976).
+
+    Marks a few grays lighter than their dark housing lie beside picture a hundred grays brighter,
+    whose fall of light is all that a template sees.
+    """
+    side = 2 * int(EVEN_MM / cell_mm / 2) + 1
+    above = without_border(window.gray, side, None)
+    square = cv2.blur(above * above, (side, side), borderType=cv2.BORDER_REFLECT)
+    spread = np.sqrt(np.maximum(square, 0.0)) + np.float32(FLAT)
+    # A usual spread keeps grays grays: what is flat stays flat.
+    return replace(window, gray=above * (np.float32(np.median(spread)) / spread))
 
 
 def _spectrum_of(field: Field, size: tuple[int, int]) -> Spectrum:

@@ -1,5 +1,6 @@
 """How many sets of marks as good as one would be found among peaks that lie at random."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,10 +8,10 @@ from jaxtyping import Complex128, Float64
 from scipy.special import ndtr
 
 from core.arrays import FilmPoints, PixelPoints
+from core.scans.candidates import Candidates
 from core.scans.film_area import FilmArea
 
 Complexes = Complex128[np.ndarray, "n"]
-PeakValues = Float64[np.ndarray, "n peaks"]
 SEARCH_PIXEL_MM = 0.075  # design: the thinnest lines of the library are a cell and a third wide
 """Size of a pixel of the reduced windows."""
 PEAKS = 4  # design: the mark, and a number, a ray or dirt beside it that look more like marks
@@ -34,6 +35,7 @@ class Search:
     """What stays the same while kinds, layouts and ways to lie are tried."""
 
     scan_pixel_mm: float
+    size_px: tuple[int, int]
     window_mm2: float
     tries: int
     certified: bool
@@ -43,6 +45,8 @@ class Search:
     """Kinds and polarities for which sets are formed."""
     anchored: bool = False
     """True where one mark is known: it belongs to every set."""
+    evened: bool = False
+    """True where windows have the same contrast all over."""
 
     @property
     def most_chance(self) -> float:
@@ -107,17 +111,24 @@ def log_chance_of_border(search: Search, start: complex, factor: complex) -> flo
     return float(np.log10(min(place, 1.0)) + np.log10(min(turn, 1.0)))
 
 
-def log_chance_of_looks(correlations: PeakValues, chosen: np.ndarray, found: np.ndarray) -> float:
+def log_chance_of_looks(
+    search: Search, kind: Candidates, owner: Sequence[int], chosen: np.ndarray, found: np.ndarray
+) -> float:
     """log10 of the chance that mere texture looks as much like marks as the set does.
 
     Texture is what else was found in the windows: the best peak of each that is not in the set.
     """
-    others = correlations.copy()
-    others[found, chosen[found]] = -1.0
     # design: Fisher's transform, kept finite; no window's texture spreads by less than 0.15, and
     # no mark counts more than 10^4, as the tails of texture are not normal.
     most, least_spread, rarest = 0.999, 0.15, 1e-4
-    texture = np.arctanh(np.clip(others.max(axis=1), 0.0, most))
-    looks = np.arctanh(np.clip(correlations[found, chosen[found]], 0.0, most))
+    if search.evened:
+        # Texture is the same all over such a window: a peak's height above it says most.
+        # design: heights of highest peaks of a normal field spread by half a standard deviation
+        values, least_spread = kind.significances[list(owner)], 0.5
+    else:
+        values = np.arctanh(np.clip(kind.correlations[list(owner)], 0.0, most))
+    others = values.copy()
+    others[found, chosen[found]] = 0.0
+    texture, looks = others.max(axis=1), values[found, chosen[found]]
     deviate = (looks - texture.mean()) / max(float(texture.std()), least_spread)
     return float(np.log10(np.clip(ndtr(-deviate), rarest, 1.0)).sum())

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Complex128
+from jaxtyping import Bool, Complex128, Float64
 
 from core.arrays import FilmPoints, PixelPoints, Scalars, locked
 from core.doubts import Failure
@@ -24,6 +24,7 @@ from core.scans.candidates import (
     SearchWindow,
     all_candidates,
     candidates_at,
+    evened,
     open_windows,
 )
 from core.scans.centring import LEAST_RADIUS_PX, Centre, centre_by_symmetry, disc
@@ -137,6 +138,8 @@ def find_constellation(
     reach_seen_mm: float = REACH_SEEN_MM,
     marks: tuple[Mark, ...] = LIBRARY,
     sure: tuple[float, float] | None = None,
+    *,
+    dim: bool = False,
 ) -> Constellation | Failure:
     """Find marks in a scan to about a tenth of a millimetre.
 
@@ -148,20 +151,19 @@ def find_constellation(
         reach_seen_mm: Half width of a window where the picture's border was seen, millimetres.
         marks: Kinds and sizes that are looked for.
         sure: Column and row at which one of them is, for somebody said so.
+        dim: True to look for figures with hardly any contrast, as if it were the same all over.
     """
     certified = isinstance(layout, Layout)
     middle = layout if certified else layout.middle
-    if certified and sure is None:
-        reach_mm = np.full(2, reach_seen_mm if area.trusted else REACH_UNSEEN_MM)
-    else:
-        # A border that is seen at one side only may be another edge of the film.
-        both = np.array([set(pair) <= set(area.seen) for pair in OPPOSITE])
-        reach_mm = np.where(area.trusted & both, reach_seen_mm, REACH_UNSEEN_MM)
+    reach_mm = _reach_mm(area, reach_seen_mm, both=not certified or sure is not None)
     reaches_mm = reach_mm + (np.zeros_like(middle.film) if certified else layout.spread_mm)
     ways = middle.ways
     border = area if area.trusted and certified else None
     area_mm2, kept = float(np.prod(2 * reaches_mm[0])), min(KINDS, len(marks))
-    search = Search(scan_pixel_mm, area_mm2, len(ways), certified, border, kept, sure is not None)
+    search = Search(
+        scan_pixel_mm, scan.size_px, area_mm2, len(ways), certified, border, kept, sure is not None,
+        dim,
+    )  # fmt: skip
     lies = {k: middle.lying(way) for k, way in enumerate(ways)}
     expected = {k: expected_places(film, area, scan_pixel_mm) for k, film in lies.items()}
     column, row = area.centre[0].tolist()
@@ -169,9 +171,9 @@ def find_constellation(
         scan, expected, (column, row), reaches_mm / scan_pixel_mm, MERGE_MM / scan_pixel_mm,
         max(1, round(SEARCH_PIXEL_MM / scan_pixel_mm)),
     )  # fmt: skip
-    kinds = all_candidates(
-        windows, scan_pixel_mm * windows[0].reduction, PEAKS, marks, area.turn,
-    )  # fmt: skip
+    if dim:
+        windows = [evened(window, scan_pixel_mm * window.reduction) for window in windows]
+    kinds = all_candidates(windows, scan_pixel_mm * windows[0].reduction, PEAKS, marks, area.turn)
     if sure is not None:
         kinds = [candidates_at(sure, kind, windows) for kind in kinds]
     kinds.sort(key=lambda kind: kind.promise, reverse=True)
@@ -184,6 +186,15 @@ def find_constellation(
     ]
     found = [chosen for chosen in sets if chosen is not None]
     return _chosen(found, windows, search, area)
+
+
+def _reach_mm(area: FilmArea, reach_seen_mm: float, *, both: bool) -> Float64[np.ndarray, "2"]:
+    """Half width and half height of windows; of `both`, a direction is seen at its two sides."""
+    if not both:
+        return np.full(2, reach_seen_mm if area.trusted else REACH_UNSEEN_MM)
+    # A border that is seen at one side only may be another edge of the film.
+    seen = np.array([set(pair) <= set(area.seen) for pair in OPPOSITE])
+    return np.where(area.trusted & seen, reach_seen_mm, REACH_UNSEEN_MM)
 
 
 def _promising(kinds: Sequence[Candidates], count: int) -> list[Candidates]:
@@ -206,6 +217,7 @@ def _chosen(
     if not search.certified:
         limit_px = FRAME_CORNER_MM / search.scan_pixel_mm
         sound = [c for c in sound if not _is_border(c, area, limit_px)]
+        sound = [c for c in sound if not _is_edge(c, search.size_px)]
     sound.sort(key=lambda chosen: chosen.score, reverse=True)
     rivals = _rivals(sound, APART_MM / search.scan_pixel_mm)[:RIVALS]
     symmetries = [_symmetry(rival, windows, search) for rival in rivals]
@@ -250,6 +262,12 @@ def _is_border(chosen: Constellation, area: FilmArea, limit_px: float) -> bool:
         return False
     apart = np.linalg.norm(chosen.pixels[:, None] - area.corners[None], axis=2).min(axis=1)
     return bool(np.median(apart) < limit_px)
+
+
+def _is_edge(chosen: Constellation, size_px: tuple[int, int]) -> bool:
+    """True for marks most of which lie on the edge of the scan: nobody can centre half a mark."""
+    inside = np.minimum(chosen.pixels, np.array(size_px) - chosen.pixels).min(axis=1)
+    return bool(np.median(inside) < LEAST_RADIUS_PX)
 
 
 def _rivals(sets: Sequence[Constellation], apart_px: float) -> list[Constellation]:
@@ -318,7 +336,7 @@ def _best_set(
         for name, place in zip(layout.names, put[base], strict=True)
     }
     chance = log_chance_of_shape(search, len(layout.names), film[found], pixels)
-    chance += log_chance_of_looks(correlations, chosen, found)
+    chance += log_chance_of_looks(search, kind, owner, chosen, found)
     chance += log_chance_of_border(search, complex(starts[base]), complex(factors[base]))
     bonus = 1 + UPRIGHT_BONUS * (way == UPRIGHT)
     turn = float(np.angle(factors[base])) + way[0] * np.pi / 2
@@ -372,7 +390,7 @@ def _best_rectangle(
     correlations = kind.correlations[list(owner)]
     rms_px = float(np.sqrt(np.mean(fitted.apart[best] ** 2) / 2))
     chance = log_chance_of_rectangle(search, rms_px, len(found))
-    chance += log_chance_of_looks(correlations, fitted.chosen[best], found)
+    chance += log_chance_of_looks(search, kind, owner, fitted.chosen[best], found)
     return Constellation(
         tuple(layout.names[int(i)] for i in found), np.column_stack([np.real(at), -np.imag(at)]),
         correlations[found, fitted.chosen[best][found]], predicted, own, UPRIGHT, kind.mark,

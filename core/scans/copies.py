@@ -11,6 +11,7 @@ from core.raster.scan_file import ScanFile, photo_id_of
 from core.scans.candidates import eighth
 from core.scans.constellation import Constellation, find_constellation
 from core.scans.corner_sets import FOUND_MM, measure_corners
+from core.scans.corners import FINE_MM
 from core.scans.example import ShownMark, example_reduction, layout_like, marks_like, mean_picture
 from core.scans.fiducials import both_ways, found_after_all, quarters_of
 from core.scans.film_area import FilmArea
@@ -68,6 +69,9 @@ def measure_like(
     layout = layout_like(camera, shown, area, quarters_of(camera, area))
     best = _alike(scan, layout, pixel_mm, area, shown)
     if isinstance(layout, Layout) or layout.names != tuple(SIDES) or _sure(best, layout):
+        return best
+    if pixel_mm > FINE_MM:
+        # Edges of few pixels are worth less than likeness.
         return best
     corners = measure_corners(scan, camera, pixel_mm, area, shown)
     if isinstance(corners, Failure) or len(corners.marks) < len(best.marks):

@@ -8,8 +8,9 @@ images about it.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import combinations
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+from math import comb
 
 import numpy as np
 from jaxtyping import Float64
@@ -30,13 +31,12 @@ from core.scans.corners import (
 )
 from core.scans.example import ShownMark, example_reduction, shown_edges
 from core.scans.film_area import FilmArea
-from core.scans.judging import SHOWN_PX, FiducialSet, judged_set
+from core.scans.judging import SHOWN_PX, FiducialMeasurement, FiducialSet, judged_set
 from core.scans.marks import EXAMPLE, Mark
 from core.scans.measuring import FittedMark, TwoWays, measure_corner, open_spot
-from core.scans.naming import CORNERS, SIDES, Group
+from core.scans.naming import CORNERS, GROUPS, SIDES, Group
 from core.scans.rectangles import Rectangles, fit_rectangles
 
-GROUPS: Mapping[Group, Mapping[str, tuple[float, float]]] = {"corners": CORNERS, "sides": SIDES}
 MARGIN_MM: Mapping[Group, tuple[float, float]] = {
     "corners": (5.0, 12.0),
     "sides": (0.0, 8.0),
@@ -59,6 +59,12 @@ OUTWARD = 3.0  # design: the step of a tooth or wing begins at its mark and runs
 MISSING = 12.0  # design: more than a mark that fits badly in two ways
 """What a mark that was not seen counts against a set."""
 MOST_MISFIT = 18.0  # design: two deviations of three sigmas
+ON_AXES_MM = 3.0  # design: three of what is usual
+"""How far beside the middle of a side a corner may lie, in what is usual."""
+INSETS_DIFFER_MM = 1.5  # design: half of what marks lie further out along one axis (constellation)
+"""How much further out marks of one camera may lie at one side than at the others."""
+MOST_CHANCE_AXES = -1.3  # source: the usual one in twenty; every such mark is a doubt as well
+"""log10 of the number of sets as good at the middles of sides that chance may give."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +88,12 @@ def measure_corners(
     pixel_mm: float,
     area: FilmArea,
     shown: ShownMark | None = None,
+    known: Sequence[FiducialMeasurement] = (),
 ) -> FiducialSet | Failure:
     """Find and measure corners at the four sides that lie and point as marks of a camera do.
+
+    Where three do not make a rectangle and none was shown, one or two suffice that point at the
+    middle of their side: known marks of corners tell where that is, or the border all around.
 
     Args:
         scan: The scan.
@@ -91,18 +101,50 @@ def measure_corners(
         pixel_mm: Nominal size of a scan pixel, millimetres.
         area: The exposed picture.
         shown: One of them, where somebody pointed at it.
+        known: Marks in the corners of the frame.
     """
     if pixel_mm > COARSEST_MM:
         return Failure("The scan is too coarse for edges.")
     pointed = None if shown is None else shown_edges(shown)
     if shown is not None and pointed is None:
         return Failure("The mark that was shown is no corner.")
+    placed = _placed_by(known, area)
+    area = area if placed is None else placed
     windows = frame_windows(scan, camera, pixel_mm, area, "sides")
     seen = [_seen_in(window, area, pixel_mm) for window in windows]
     if shown is not None and pointed is not None:
         _keep_shown(seen, windows, shown, pointed, own=shown.scan.path == scan.path, area=area)
-    if sum(bool(one) for one in seen) < LEAST_MARKS:
+    fitted = _rectangle(seen, area, pixel_mm)
+    placing = placed is not None or len(area.seen) == len(SIDES)
+    if fitted is None and shown is None and placing:
+        usual_mm = MIDDLE_MM if placed is None else FOUND_MM
+        fitted = _on_axes(seen, area, np.array(camera.frame_mm) / 2, pixel_mm, usual_mm)
+    if fitted is None:
         return Failure("No corners of the frame lie as marks do.")
+    return _measured(scan, pixel_mm, seen, fitted)
+
+
+def _placed_by(known: Sequence[FiducialMeasurement], area: FilmArea) -> FilmArea | None:
+    """The picture as marks of its corners place it; None without all four: three check nothing."""
+    places = np.full((len(CORNERS), 1), complex(np.nan, np.nan))
+    for mark in known:
+        if mark.name in CORNERS:
+            places[list(CORNERS).index(mark.name)] = complex(mark.column, -mark.row)
+    if not np.isfinite(places).all():
+        return None
+    fitted = fit_rectangles(places, np.array(list(CORNERS.values())))
+    turn = np.exp(1j * (fitted.turn[0] - area.turn))
+    about = (area.corners - area.centre) @ np.array([1, -1j])
+    moved = fitted.middle[0] + about * turn
+    return replace(area, corners=np.column_stack([moved.real, -moved.imag]))
+
+
+def _rectangle(
+    seen: Sequence[Sequence[_Seen]], area: FilmArea, pixel_mm: float
+) -> Rectangles | None:
+    """The likeliest rectangle of corners at three sides or all."""
+    if sum(bool(one) for one in seen) < LEAST_MARKS:
+        return None
     count = max(len(one) for one in seen)
     places = np.full((4, count), complex(np.nan, np.nan))
     for k, corners in enumerate(seen):
@@ -110,8 +152,105 @@ def measure_corners(
     fitted = fit_rectangles(places, np.array(list(SIDES.values())))
     misfit = _misfit(fitted, seen, area, pixel_mm)
     if not len(misfit) or misfit.min() > MOST_MISFIT:
-        return Failure("No corners of the frame lie as marks do.")
-    return _measured(scan, pixel_mm, seen, fitted, int(np.argmin(misfit)))
+        return None
+    best = slice(int(np.argmin(misfit)), int(np.argmin(misfit)) + 1)
+    return Rectangles(
+        fitted.chosen[best], fitted.middle[best], fitted.turn[best], fitted.half[best],
+        fitted.apart[best],
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Pointing:
+    """A corner that points along a line through the middle of the picture."""
+
+    number: int
+    """Which of its side's corners it is."""
+    corner: _Seen
+    beside_mm: float
+    """Distance from the line from the picture's middle to that of the side."""
+    inset_mm: float
+    """How much further out than the frame it lies."""
+    pointing: float
+    """How far from pointing, in what is usual."""
+
+
+def _on_axes(
+    seen: Sequence[Sequence[_Seen]],
+    area: FilmArea,
+    half_mm: Float64[np.ndarray, "2"],
+    pixel_mm: float,
+    usual_mm: float,
+) -> Rectangles | None:
+    """Corners that point at the middles of their sides, about equally far out: of any sides.
+
+    Args:
+        seen: Corners by side.
+        area: The picture; its middle and its turn are known.
+        half_mm: Half width and half height of the frame.
+        pixel_mm: Nominal size of a scan pixel, millimetres.
+        usual_mm: How far beside the middle of a side marks usually lie.
+    """
+    directions = np.array(list(SIDES.values()))
+    middle = complex(area.centre[0, 0], -area.centre[0, 1])
+    outward = directions @ np.array([1, 1j]) * np.exp(1j * area.turn)
+    pointing: list[list[_Pointing]] = []
+    for k, corners in enumerate(seen):
+        found: list[_Pointing] = []
+        for i, one in enumerate(corners):
+            at = (complex(one.place[0], -one.place[1]) - middle) / outward[k] * pixel_mm
+            inset = float(at.real) - float(np.abs(directions[k]) @ half_mm)
+            found.append(_Pointing(i, one, abs(at.imag), inset, float(np.sqrt(_pointing(one)))))
+        pointing.append([one for one in found if one.pointing**2 < MOST])
+    near = [[one for one in own if one.beside_mm < ON_AXES_MM * usual_mm] for own in pointing]
+    elsewhere = [
+        one.pointing for own in pointing for one in own if one.beside_mm >= ON_AXES_MM * usual_mm
+    ]
+    tried = [dict(enumerate(them)) for them in product(*([None, *own] for own in near))]
+    sets = [{k: one for k, one in them.items() if one is not None} for them in tried]
+    sets = [them for them in sets if them and _differ_mm(them) < 2 * INSETS_DIFFER_MM]
+    chances = [_log_chance_on_axes(list(them.values()), elsewhere, usual_mm) for them in sets]
+    if min(chances, default=0.0) > MOST_CHANCE_AXES:
+        return None
+    best = sets[int(np.argmin(chances))]
+    inset = float(np.mean([one.inset_mm for one in best.values()]))
+    half = half_mm + [
+        float(np.mean([best[k].inset_mm for k in pair if k in best] or [inset]))
+        for pair in ((1, 3), (0, 2))
+    ]
+    chosen = [[best[k].number if k in best else -1 for k in range(len(SIDES))]]
+    return Rectangles(
+        np.array(chosen), np.array([middle]), np.array([area.turn]), half[None] / pixel_mm,
+        np.zeros((1, len(SIDES))),
+    )  # fmt: skip
+
+
+def _differ_mm(chosen: Mapping[int, _Pointing]) -> float:
+    """How much further out one of them lies than another."""
+    return float(np.ptp([one.inset_mm for one in chosen.values()]))
+
+
+def _log_chance_on_axes(
+    chosen: Sequence[_Pointing], elsewhere: Sequence[float], usual_mm: float
+) -> float:
+    """log10 of how many sets as good chance gives at the middles of the sides.
+
+    How many corners point as well by chance, those tell that lie elsewhere along the border.
+    """
+    width_mm = 2 * MARGIN_MM["sides"][1]
+    middle = float(np.mean([one.inset_mm for one in chosen]))
+    chance = np.log10(comb(len(SIDES), len(chosen)))
+    for k, one in enumerate(chosen):
+        as_good = 1 + sum(other <= max(one.pointing, 1.0) for other in elsewhere)
+        beside = 2 * max(one.beside_mm, usual_mm) / (len(SIDES) * width_mm)
+        chance += np.log10(as_good * beside)
+        if k:
+            # The first is free to lie as far out, and to look, as it does.
+            unlike = min(_unlike(one.corner, other.corner) for other in chosen[:k])
+            unlike = max(float(np.sqrt(unlike)), 1.0)
+            chance += np.log10(min(2 * max(abs(one.inset_mm - middle), usual_mm) / width_mm, 1.0))
+            chance += np.log10(min(2 * unlike * ALIKE_DEG / 180, 1.0))
+    return float(chance)
 
 
 def frame_windows(
@@ -231,33 +370,48 @@ def _measured(
     pixel_mm: float,
     seen: Sequence[Sequence[_Seen]],
     fitted: Rectangles,
-    best: int,
 ) -> FiducialSet:
     """The corners of one set at full resolution, one that was not seen where the others put it."""
-    turn, directions = float(fitted.turn[best]), np.array(list(SIDES.values()))
-    put = directions * fitted.half[best] @ np.array([1, 1j]) * np.exp(1j * turn)
-    places = [(at.real, -at.imag) for at in (fitted.middle[best] + put).tolist()]
+    turn, directions = float(fitted.turn[0]), np.array(list(SIDES.values()))
+    put = directions * fitted.half[0] @ np.array([1, 1j]) * np.exp(1j * turn)
+    places = [(at.real, -at.imag) for at in (fitted.middle[0] + put).tolist()]
     predicted = dict(zip(SIDES, places, strict=True))
     reduction = example_reduction(pixel_mm)
     cell_mm = pixel_mm * reduction
     results: dict[str, TwoWays | Failure] = {}
+    others = [seen[k][i] for k, i in enumerate(fitted.chosen[0].tolist()) if i >= 0]
     for k, name in enumerate(SIDES):
-        chosen = int(fitted.chosen[best][k])
+        chosen = int(fitted.chosen[0][k])
         place = predicted[name] if chosen < 0 else seen[k][chosen].place
         outward = (float(directions[k][0]), -float(directions[k][1]))
         spot = open_spot(scan, name, place, outward, FARTHEST_MM, pixel_mm, reduction)
         results[name] = Failure("It lies outside the scan.")
         if spot is None:
             continue
-        edges = seen[k][chosen].edges if chosen >= 0 else None
-        if edges is None:
+        own = [seen[k][chosen].edges] if chosen >= 0 else []
+        if not own:
             corner = edges_about(spot.gray, spot.start, FOUND_MM / cell_mm, cell_mm)
-            edges = None if corner is None else corner[1]
-        results[name] = (
-            Failure("No two edges meet there.")
-            if edges is None
-            else measure_corner(spot, edges, FOUND_MM, pixel_mm)
-        )
+            angle = float(np.arctan2(outward[1], outward[0])) - turn
+            own = [corner[1]] if corner is not None else _as_at(others, angle)
+        results[name] = Failure("No two edges meet there.")
+        tried = [measure_corner(spot, edges, FOUND_MM, pixel_mm) for edges in own]
+        met = [one for one in tried if isinstance(one, TwoWays)]
+        if met:
+            results[name] = max(met, key=lambda one: one.correlation)
+        elif tried and chosen >= 0:
+            results[name] = tried[0]
     fit = FittedMark(Mark(EXAMPLE, FARTHEST_MM, 0.0), -turn, True, cell_mm)
     marks, doubts = judged_set(photo_id_of(scan.path), results, results, predicted, fit, SHOWN_PX)
     return FiducialSet(tuple(marks), tuple(doubts), fitted=(fit,))
+
+
+def _as_at(others: Sequence[_Seen], outward: float) -> list[Edges]:
+    """Edges of corners that were seen as they would run at another side, as they are or mirrored.
+
+    A weak edge is seen where one knows how it runs.
+    """
+    return [
+        turned_edges(one.edges, one.outward, outward, mirrored)
+        for one in others
+        for mirrored in (False, True)
+    ]

@@ -37,8 +37,10 @@ NEAREST_MM, FARTHEST_MM, LEAST_MM = 0.2, 1.5, 0.35  # design: tips are rounded; 
 """From where to where an edge is followed from its corner, and how long it is seen at least."""
 NEAREST_PX, LEAST_PX = 3.0, 6.0  # design: the blur of the other edge; a line by three independent
 """The same in pixels, of coarse scans."""
-COARSEST_MM = 0.08  # design: a step is looked at for ten pixels, edges of marks are a millimetre
-"""Largest pixel in which edges are lines."""
+FINE_MM = 0.08  # design: a step is looked at for ten pixels, edges of marks are a millimetre
+"""Largest pixel in which edges are lines that go before what else is known of a mark."""
+COARSEST_MM = FARTHEST_MM / (NEAREST_PX + LEAST_PX)  # design: an edge shorter is none
+"""Largest pixel in which edges are lines at all."""
 DIRECTIONS = 90  # design: edges a millimetre long are as wide as four degrees
 """Directions in which edges are sought about a point."""
 BENT_PX, GAP_MM = 1.5, 0.15  # design: the blur of a step; a scratch across an edge
@@ -340,20 +342,25 @@ def _met(
     start = (start[0] - corner[0], start[1] - corner[1])
     place, lines = np.array(start), list(edges)
     cofactors, normals, moved = np.zeros(2), np.zeros((2, 2)), np.zeros(2)
+    before, share = np.zeros(2), 1.0
     for number in range(ROUNDS):
         reach = max(limit_px / 2**number, REACH_PX)
         for k, edge in enumerate(lines):
             line = _line(window, place, edge, cell_mm, half_way=half_way, reach=reach)
             if line is None:
                 return Failure("The mark's edges are not there.")
-            turn, moved[k], cofactors[k] = line
+            turn, moved[k], cofactors[k] = share * line[0], line[1], line[2]
             turned, most = edge.angle + turn - edges[k].angle, np.radians(turned_deg)
             if reach == REACH_PX and abs(turned) > most:
                 return Failure("The mark's edges run otherwise.")
             # From afar a line may begin on another edge.
             lines[k] = replace(edge, angle=edges[k].angle + float(np.clip(turned, -most, most)))
             normals[k] = _normal(lines[k])
-        step = np.linalg.solve(normals, moved)
+        step = share * np.linalg.solve(normals, moved)
+        # A rounded tip throws lines of few pixels from one side to the other: half way each time.
+        if cell_mm > FINE_MM and step @ before < 0:
+            share /= 2
+        before = step
         place = place + np.clip(step, -limit_px, limit_px)
         if np.linalg.norm(place - np.array(start)) > limit_px:
             return Failure("The mark's edges meet elsewhere.")

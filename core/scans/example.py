@@ -14,7 +14,7 @@ from core.geometry.camera import Camera
 from core.geometry.robust import TINY
 from core.raster.scan_file import ScanFile, read_window
 from core.scans.centring import Centre, Gray, Weights, centre_by_symmetry, disc, sample_about
-from core.scans.corners import FARTHEST_MM, Edges, edges_about
+from core.scans.corners import FARTHEST_MM, FINE_MM, Edges, edges_about
 from core.scans.film_area import FilmArea
 from core.scans.marks import EXAMPLE, SURROUND, Mark, Picture, draw_mark
 from core.scans.naming import (
@@ -160,7 +160,7 @@ def _centred(
     middle, edges = start, None
     if isinstance(about, Centre) and symmetric:
         middle = about.column, about.row
-    else:
+    elif pixel_mm <= FINE_MM:
         corner = edges_about(window, start, POINTED_MM / pixel_mm + 1, pixel_mm)
         if corner is not None:
             middle, edges = (corner[0].column, corner[0].row), corner[1]

@@ -54,7 +54,16 @@ from core.scans.measuring import (
     open_spot,
     open_spots,
 )
-from core.scans.naming import Way, certified_layouts, guessed_layouts, lying, name_marks, small_turn
+from core.scans.naming import (
+    GROUPS,
+    Group,
+    Way,
+    certified_layouts,
+    guessed_layouts,
+    lying,
+    name_marks,
+    small_turn,
+)
 
 AFTER_ALL_MM = 1.0  # design: the fit that sets are found with
 """How near to its place by the others a mark must lie that was not seen from afar."""
@@ -101,6 +110,7 @@ def measure_unknown_fiducials(
     scan_pixel_mm: float,
     area: FilmArea,
     marks: tuple[Mark, ...] = LIBRARY,
+    dim: Group | None = None,
 ) -> FiducialSet:
     """Find marks of which nobody knows where they lie: four in the corners, four at the sides.
 
@@ -112,10 +122,15 @@ def measure_unknown_fiducials(
         scan_pixel_mm: Nominal size of a scan pixel, millimetres.
         area: The exposed picture.
         marks: Kinds and sizes that are looked for.
+        dim: The group alone in which they are sought as figures with hardly any contrast.
     """
     sets: list[Constellation] = []
     for layout in guessed_layouts(camera):
-        found = find_constellation(scan, layout, scan_pixel_mm, area, marks=marks)
+        if dim is not None and layout.names != tuple(GROUPS[dim]):
+            continue
+        found = find_constellation(
+            scan, layout, scan_pixel_mm, area, marks=marks, dim=dim is not None
+        )
         if isinstance(found, Constellation) and len(found.names) >= 3:
             sets.append(found)
     apart = len(sets) == 2 and _middles_apart_mm(sets, scan_pixel_mm) > AGREE_MM

@@ -10,7 +10,7 @@ from core.doubts import Doubt, Failure
 from core.geometry.interior import InteriorOrientation, fit_interior, limit_um
 from core.said import say
 from core.scans.measuring import FittedMark, TwoWays
-from core.scans.naming import UPRIGHT, Way, turned_words
+from core.scans.naming import OPPOSITE_MARKS, UPRIGHT, Way, turned_words
 
 LIMIT_PX = 0.5  # design: a hand on a screen; ways that differ by more centre different things
 """Greatest distance between the matched and the second middle, and greatest standard deviation."""
@@ -89,8 +89,13 @@ class FiducialSet:
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Middle of the box about the marks, column and row."""
-        places = np.array([(mark.column, mark.row) for mark in self.marks])
+        """Middle of marks opposite to each other, else of the box about all, column and row."""
+        at = {mark.name: np.array(mark.place) for mark in self.marks}
+        middles = [(at[a] + at[b]) / 2 for a, b in OPPOSITE_MARKS if a in at and b in at]
+        if middles:
+            column, row = np.mean(middles, axis=0).tolist()
+            return column, row
+        places = np.array(list(at.values()))
         column, row = ((places.min(axis=0) + places.max(axis=0)) / 2).tolist()
         return column, row
 
@@ -263,7 +268,7 @@ sigma_px=mark.sigma_px
 
 
 def doubt_of_repeated(photo_id: str, mark: FiducialMeasurement) -> Doubt:
-    """A word about a mark that is a dot or of no listed kind, and that nobody showed.
+    """A word about a mark that is a dot, dim, or of no listed kind, and that nobody showed.
 
     Its scan tells that something of the camera's is there, not which of its points is the mark: tip
     and foot of a tooth repeat alike. Other scans of the camera may confirm the point.
@@ -272,9 +277,9 @@ def doubt_of_repeated(photo_id: str, mark: FiducialMeasurement) -> Doubt:
         "fiducial-unsure",
         photo_id,
         say(
-            "Fiducial {name}, at column {column:.1f}, row {row:.1f}, is a dot or of no listed "
-            "kind: it was taken because it repeats at the other sides or corners. Look whether "
-            "this is its point.",
+            "Fiducial {name}, at column {column:.1f}, row {row:.1f}, is a dot, dim, or of no "
+            "listed kind: it was taken because it repeats at the other sides or corners, or "
+            "points at the middle of its side. Look whether this is its point.",
             name=mark.name,
             column=mark.column,
             row=mark.row,

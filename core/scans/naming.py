@@ -28,6 +28,8 @@ INSETS_MM = (-4.5, 15.0)
 CORNERS = {"UL": (-1.0, 1.0), "UR": (1.0, 1.0), "LR": (1.0, -1.0), "LL": (-1.0, -1.0)}
 # design: the same.
 SIDES = {"T": (0.0, 1.0), "R": (1.0, 0.0), "B": (0.0, -1.0), "L": (-1.0, 0.0)}
+GROUPS: Mapping[Group, Mapping[str, tuple[float, float]]] = {"corners": CORNERS, "sides": SIDES}
+OPPOSITE_MARKS = (("UL", "LR"), ("UR", "LL"), ("T", "B"), ("L", "R"))
 OUTWARD = {"left": SIDES["L"], "top": SIDES["T"], "right": SIDES["R"], "bottom": SIDES["B"]}
 FILM_SIGMA_MM = 0.003  # design: certificates give the places of marks to a few micrometres
 """How well film and certificate usually agree once its even stretching is taken up, millimetres."""

@@ -8,12 +8,13 @@ sides corners of the frame itself go before what is not symmetric.
 
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import cv2
 import numpy as np
 from jaxtyping import Float32
 
-from core.doubts import Doubt
+from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
 from core.geometry.robust import TINY
 from core.raster.scan_file import ScanFile, photo_id_of
@@ -29,20 +30,23 @@ from core.scans.centring import (
     square_about,
     without_border,
 )
-from core.scans.constellation import AGREE_MM, FRAME_CORNER_MM
+from core.scans.constellation import AGREE_MM, FRAME_CORNER_MM, LIBRARY
 from core.scans.copies import mark_shown_at, measure_like
-from core.scans.corner_sets import GROUPS, LEAST_MARKS, frame_windows, measure_corners
+from core.scans.corner_sets import FOUND_MM, LEAST_MARKS, frame_windows, measure_corners
+from core.scans.corners import FINE_MM
 from core.scans.example import SYMMETRIC_FROM, ShownMark
+from core.scans.fiducials import measure_unknown_fiducials
 from core.scans.film_area import FilmArea
 from core.scans.judging import (
     LIMIT_PX,
+    REPEATED,
     SURELY_MARK,
     FiducialMeasurement,
     FiducialSet,
     doubt_of_repeated,
 )
-from core.scans.marks import NOTCH_NORMALS
-from core.scans.naming import Group
+from core.scans.marks import EXAMPLE, NOTCH_NORMALS, Mark
+from core.scans.naming import GROUPS, Group
 
 Field = Float32[np.ndarray, "rows columns"]
 GUESSED = (*NOTCH_NORMALS, "dot")
@@ -80,7 +84,12 @@ class _Figure:
 
 
 def with_repeated(
-    scan: ScanFile, camera: Camera, pixel_mm: float, area: FilmArea, known: FiducialSet
+    scan: ScanFile,
+    camera: Camera,
+    pixel_mm: float,
+    area: FilmArea,
+    known: FiducialSet,
+    kinds: tuple[Mark, ...] = LIBRARY,
 ) -> FiducialSet:
     """The marks of a scan, and those of corners or sides where none of a known kind was found.
 
@@ -90,6 +99,7 @@ def with_repeated(
         pixel_mm: Nominal size of a scan pixel, millimetres.
         area: The exposed picture.
         known: Marks of known kinds, named by where they lie in the scan.
+        kinds: Those kinds, which are looked for once more where they may be dim.
     """
     doubted = {str(doubt.evidence.get("fiducial")) for doubt in known.doubts}
     for group, places in GROUPS.items():
@@ -102,11 +112,11 @@ def with_repeated(
         if (enough or len(own) >= LEAST_MARKS) and not guessed:
             continue
         others = _without(known, places)
-        # Marks that are doubted themselves say nothing of where others lie.
-        firm = tuple(mark for mark in others.marks if mark.name not in doubted)
-        for copies in _offered(
-            scan, camera, pixel_mm, area, group, corners_only=len(own) >= LEAST_MARKS
-        ):
+        firm = _firm(others)
+        seen = len(own) >= LEAST_MARKS
+        offered = _offered(scan, camera, pixel_mm, area, group, firm, corners_only=seen)
+        dim = () if seen else _dim(scan, camera, pixel_mm, area, group, kinds)
+        for copies in chain(offered, dim):
             if _about_one_middle(replace(others, marks=firm), copies, pixel_mm):
                 unsure = _doubts_of(photo_id_of(scan.path), copies)
                 marks, doubts = (*others.marks, *copies.marks), (*others.doubts, *unsure)
@@ -121,13 +131,15 @@ def _offered(
     pixel_mm: float,
     area: FilmArea,
     group: Group,
+    known: Sequence[FiducialMeasurement],
     *,
     corners_only: bool,
 ) -> Iterator[FiducialSet]:
     """What may be the marks of corners or sides, likeliest first.
 
     At the sides figures beyond doubt go before corners of the frame, and these before others:
-    the edges of figures meet in corners too.
+    the edges of figures meet in corners too. One or two corners go last, and those of coarse
+    scans, whose edges are short.
     """
     others: list[FiducialSet] = []
     places = len(GROUPS[group])
@@ -139,11 +151,53 @@ def _offered(
             yield copies
         else:
             others.append(copies)
+    if pixel_mm > FINE_MM:
+        yield from others
+        others = []
     if group == "sides":
-        corners = measure_corners(scan, camera, pixel_mm, area)
-        if isinstance(corners, FiducialSet) and len(corners.marks) >= LEAST_MARKS:
-            yield corners
+        corners = measure_corners(scan, camera, pixel_mm, area, known=known)
+        few = isinstance(corners, Failure) or len(corners.marks) < LEAST_MARKS
+        if isinstance(corners, FiducialSet) and corners.marks and not (few and corners_only):
+            wider = [one for one in others if _holds(one, corners, pixel_mm)]
+            others = [*wider, *others, corners] if few else [*wider, corners, *others]
     yield from others
+
+
+def _dim(
+    scan: ScanFile,
+    camera: Camera,
+    pixel_mm: float,
+    area: FilmArea,
+    group: Group,
+    kinds: tuple[Mark, ...],
+) -> Iterator[FiducialSet]:
+    """Marks of known kinds with hardly any contrast, where there are three."""
+    figures = tuple(kind for kind in kinds if kind.symmetric and kind.shape not in GUESSED)
+    found = measure_unknown_fiducials(scan, camera, pixel_mm, area, figures, group)
+    if len(found.marks) >= LEAST_MARKS:
+        yield found
+
+
+def _holds(copies: FiducialSet, corners: FiducialSet, pixel_mm: float) -> bool:
+    """True for copies that have all corners at their places, and marks where no edges are seen."""
+    at = {mark.name: mark.place for mark in copies.marks}
+    apart = [
+        np.hypot(*np.subtract(at.get(mark.name, (np.inf, np.inf)), mark.place)) * pixel_mm
+        for mark in corners.marks
+    ]
+    return len(at) > len(apart) and max(apart) < FOUND_MM
+
+
+def _firm(known: FiducialSet) -> tuple[FiducialMeasurement, ...]:
+    """Marks that tell where others lie: not those of which it is doubted that they are marks."""
+    kinds = {mark.name: mark.kind for mark in known.marks}
+    names = {str(doubt.evidence.get("fiducial")): doubt for doubt in known.doubts}
+    guessed = {
+        name
+        for name, doubt in names.items()
+        if REPEATED in doubt.evidence or kinds.get(name) in (*GUESSED, EXAMPLE)
+    }
+    return tuple(mark for mark in known.marks if mark.name not in guessed)
 
 
 def _without(known: FiducialSet, places: Container[str]) -> FiducialSet:
@@ -183,7 +237,7 @@ def _doubts_of(photo_id: str, copies: FiducialSet) -> tuple[Doubt, ...]:
 
 def _about_one_middle(known: FiducialSet, copies: FiducialSet, pixel_mm: float) -> bool:
     """True when marks of corners and of sides lie about the same place."""
-    if len(known.marks) < LEAST_MARKS:
+    if min(len(known.marks), len(copies.marks)) < LEAST_MARKS:
         return True
     apart = np.subtract(known.middle, copies.middle)
     return float(np.hypot(*apart)) * pixel_mm < AGREE_MM

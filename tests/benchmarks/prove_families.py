@@ -137,7 +137,7 @@ def of_family(
             scan = lay(Path(made) / f"{name}.tif", {p: insets[p] for p in places}, number)
             began = process_time()
             found = measure_unknown_fiducials(scan.file, CAMERA, PIXEL_MM, scan.area, kept)
-            found = with_repeated(scan.file, CAMERA, PIXEL_MM, scan.area, found)
+            found = with_repeated(scan.file, CAMERA, PIXEL_MM, scan.area, found, kept)
             alone.add(judged(found, scan, group))
             example = min(places, key=lambda place: insets[place].mark.sure_px)
             like = mark_shown_at(scan.file, scan.area, scan.truth[example], PIXEL_MM)

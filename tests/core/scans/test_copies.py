@@ -12,12 +12,16 @@ import pytest
 from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.raster.scan_file import open_scan
+from core.scans.constellation import LIBRARY, Constellation, find_constellation
 from core.scans.copies import mark_shown_at, measure_like
+from core.scans.corner_sets import measure_corners
 from core.scans.corners import centre_by_corner, edges_about
 from core.scans.film_area import FilmArea, detect_film_area
-from core.scans.judging import FiducialSet
+from core.scans.judging import FiducialMeasurement, FiducialSet
+from core.scans.naming import CORNERS, guessed_layouts
+from core.scans.naming import SIDES as SIDES_MM
 from core.scans.repeated import repeated_marks, with_repeated
-from tests.core.scans.film_maker import FIDUCIALS, Film, make_film
+from tests.core.scans.film_maker import FIDUCIALS, Film, film_from_pixel, make_film, write_gray
 
 CAMERA = Camera("little", 60.0, (60.0, 60.0), fiducials_mm=FIDUCIALS)
 UNKNOWN = replace(CAMERA, fiducials_mm={})
@@ -147,3 +151,75 @@ def test_two_edges_meet_where_they_were_drawn__truth() -> None:
         # Near the tip the other edge reaches into what lies beside each.
         assert np.hypot(centre.column - tip[0], centre.row - tip[1]) < GOAL_PX
         assert centre.sigma_px < GOAL_PX / 2
+
+
+def placed(kinds: dict[str, tuple[float, float]], turn_deg: float) -> FiducialSet:
+    """Marks at places on the film, millimetres, of a scan whose film is turned."""
+    turn = np.radians(turn_deg)
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    marks = [
+        FiducialMeasurement(name, *(900 + rotation @ (x, -y) / PIXEL_MM), 0.1, 0.9, 0.0, "cross")
+        for name, (x, y) in kinds.items()
+    ]
+    return FiducialSet(tuple(marks), ())
+
+
+@pytest.mark.parametrize("lost", ["T", "R", "B", "L"])
+def test_three_sides_tell_the_middle__truth(lost: str) -> None:
+    """The box about three marks of sides has its middle elsewhere."""
+    sides = {name: (27 * x, 27 * y) for name, (x, y) in SIDES_MM.items() if name != lost}
+    assert placed(sides, 0.8).middle == pytest.approx((900, 900), abs=1e-6)
+
+
+def test_one_notch_points_at_the_middle_that_four_corners_tell__truth(
+    tmp_path: Path,
+) -> None:
+    """The other sides have none; without the corners one alone may be chance."""
+    film = Film(kind="notch", fiducials=SIDES, missing=("5", "7", "8"))
+    truth = make_film(tmp_path / "one.tif", film, 1)
+    scan = open_scan(tmp_path / "one.tif")
+    area = detect_film_area(scan, UNKNOWN, PIXEL_MM)
+    size = scan.size_px[0]
+    film_mm = film_from_pixel(film, size)
+    corners = {name: (25 * x, 25 * y) for name, (x, y) in CORNERS.items()}
+    places = (np.array(list(corners.values())) - film_mm[:, 2]) @ np.linalg.inv(film_mm[:, :2]).T
+    known = [
+        FiducialMeasurement(name, column, row, 0.1, 0.9, 0.0, "cross")
+        for name, (column, row) in zip(corners, places.tolist(), strict=True)
+    ]
+    found = measure_corners(scan, UNKNOWN, PIXEL_MM, area, known=known)
+    assert isinstance(found, FiducialSet)
+    assert [mark.name for mark in found.marks] == ["R"]
+    assert np.hypot(*np.subtract(found.marks[0].place, truth["6"])) < 1.0
+    assert isinstance(measure_corners(scan, UNKNOWN, PIXEL_MM, area), Failure)
+
+
+@pytest.mark.parametrize("marked", [True, False])
+def test_dim_crosses_beside_bright_picture_are_seen__truth(tmp_path: Path, marked: bool) -> None:
+    """Twelve grays high, where light falls off by a hundred within two millimetres."""
+    rng = np.random.default_rng(9131)
+    size, inset = 1700, 130
+    column, row = np.meshgrid(*2 * (np.arange(0.5, size),))
+    rim = np.min([column, row, size - column, size - row], axis=0)
+    gray = 30 + 150 / (1 + np.exp(-(rim - inset - 35) / 15)) + 10 * np.sin(column / 9) * (rim > 200)
+    middles = [(x, y) for y in (inset, size - inset) for x in (inset, size - inset)]
+    for x, y in middles if marked else ():
+        right, down = np.abs(column - x), np.abs(row - y)
+        arms = (np.abs(right - down) < 3) & (np.maximum(right, down) < 26) & (right + down > 14)
+        gray = gray + 12 * cv2.GaussianBlur(arms.astype(np.float64), (0, 0), 1.0)
+    path = tmp_path / "dim.tif"
+    write_gray(path, np.clip(gray + rng.normal(0, 4, gray.shape), 0, 255).astype(np.uint8))
+    scan = open_scan(path)
+    border = np.array([[80.0, 1620.0], [1620.0, 1620.0], [1620.0, 80.0], [80.0, 80.0]])
+    area = FilmArea(border, ("left", "right", "top", "bottom"), np.ones(4))
+    figures = tuple(mark for mark in LIBRARY if mark.symmetric)
+    layout = guessed_layouts(UNKNOWN)[0]
+    plain, dim = (
+        find_constellation(scan, layout, PIXEL_MM, area, marks=figures, dim=dim)
+        for dim in (False, True)
+    )
+    assert isinstance(dim, Constellation) == marked
+    if isinstance(dim, Constellation):
+        away = np.linalg.norm(dim.pixels[:, None] - np.array(middles)[None], axis=2).min(axis=1)
+        assert away.max() < 2
+        assert isinstance(plain, Failure)
