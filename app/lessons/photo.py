@@ -50,8 +50,8 @@ def on_film(*places: tuple[float, float]) -> FilmPoints:
     return np.array(places, dtype=np.float64)
 
 
-def photo_model(principal_distance_mm: float) -> PhotoModel:
-    """The photo scanned at 15 um, without air or curvature."""
+def photo_model(principal_distance_mm: float, pixel_mm: float = PIXEL_MM) -> PhotoModel:
+    """The photo scanned at 15 um or another pixel, without air or curvature."""
     camera = camera_with(principal_distance_mm)
-    side = round(2 * HALF_MM / PIXEL_MM)
-    return PhotoModel(nominal_interior((side, side), camera, PIXEL_MM), camera, VACUUM)
+    side = round(2 * HALF_MM / pixel_mm)
+    return PhotoModel(nominal_interior((side, side), camera, pixel_mm), camera, VACUUM)

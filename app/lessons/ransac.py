@@ -2,11 +2,15 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 
 from app.lessons import sheet
+from app.lessons.photo import HALF_MM, photo_model
 from core.arrays import Flags, Indices, Matrix, ObjectPoints, PixelPoints, Scalars
+from core.geometry.consensus import SAMPLE, Candidates, Consensus, ConsensusOptions
+from core.geometry.exterior import ExteriorOrientation
 from core.geometry.robust import log10_nfa
 from core.literature.published_chains import (
     AXES,
@@ -26,12 +30,23 @@ from core.literature.published_chains import (
 
 SIDE_M = 3000.0
 """Ground that the photo shows."""
-RELIEF_M = 60.0
+RELIEF_M = 6.0
+"""Nearly level ground: a projective transformation of the plan is off by less than its limit."""
+C_MM = 152.0
+PHOTO = photo_model(C_MM, 2 * HALF_MM / SIDE_M)
+"""At 1 m a pixel."""
+TRUTH = ExteriorOrientation(
+    np.array([SIDE_M / 2, SIDE_M / 2, SIDE_M / 2 * C_MM / HALF_MM]), 0.0, 0.0, 0.0
+)
+LOOSE = np.diag(np.repeat([1e4, 10.0], 3) ** 2)
+"""Known beforehand to 10 km and 10 rad: samples alone decide; those in a line are solved too."""
 SAMPLES = 20_000
 """So many samples are drawn at most; the thesis draws 100 000."""
 BLOCKS = (MILOVICE_1938, MILOVICE_1989, KOBYLI_1938, KOBYLI_1984)
 """Settings by the number of the choice; nought are those of the sliders (thesis, Table 6)."""
-TRANSFORMS: tuple[Transform, ...] = ("dlt", "projective")
+Model = Transform | Literal["resection"]
+"""What a sample determines; a resection knows the camera."""
+MODELS: tuple[Model, ...] = ("dlt", "projective", "resection")
 PHASES = ("sample", "model", "agreeing", "best")
 """What one step after the other shows of each sample."""
 STEPPED = 50
@@ -69,9 +84,8 @@ def candidates(
 
 
 def expected(points: ObjectPoints) -> PixelPoints:
-    """Where the photo truly shows known points: at 1 m a pixel, leaning with their height."""
-    flat = np.column_stack([points[:, 0], SIDE_M - points[:, 1]])
-    return flat + 0.15 * points[:, 2:] * (flat / SIDE_M - 0.5)
+    """Where the photo truly shows known points."""
+    return PHOTO.pixels(points, TRUTH)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,13 +100,18 @@ class RansacSearch:
     """How far from its place a wrong one may lie, per axis."""
     seed: int
     """Of candidates and samples."""
-    transform: Transform
+    model: Model
     """What a sample determines."""
 
     @property
     def size(self) -> int:
         """Points in a sample."""
-        return SAMPLES_OF[self.transform]
+        return SAMPLE if self.model == "resection" else SAMPLES_OF[self.model]
+
+    @property
+    def candidates(self) -> tuple[ObjectPoints, PixelPoints, Flags]:
+        """Those that it searches."""
+        return candidates(self.count, self.share, self.half_m, self.seed)
 
     def log10_nfa(self, agreeing: int, limit_m: float) -> float:
         """How often chance would make so many agree: the window is as wide as it is high."""
@@ -113,14 +132,61 @@ def samples_of(search: RansacSearch, batch: int) -> Indices:
 
 @lru_cache(maxsize=64)
 def solve_batch(search: RansacSearch, batch: int) -> Models:
-    """Transformations of the samples of a batch, between conditioned points.
+    """Models of the samples of a batch: between conditioned points, or changes of the photo.
 
     These take the time. Distances of all candidates from all samples would take 2.5 MB a batch.
     """
-    points, pixels, _ = candidates(search.count, search.share, search.half_m, search.seed)
     drawn = samples_of(search, batch)
-    ground, image = conditioned(points[:, : AXES[search.transform]]), conditioned(pixels)
+    if search.model == "resection":
+        return consensus_of(search).from_samples(drawn)
+    ground, image = conditioned_points(search, search.model)
     return solved(ground[drawn], image[drawn])
+
+
+def conditioned_points(search: RansacSearch, transform: Transform) -> tuple[Matrix, Matrix]:
+    """Known points with the axes that the transformation takes, and their candidates."""
+    points, pixels, _ = search.candidates
+    return conditioned(points[:, : AXES[transform]]), conditioned(pixels)
+
+
+@lru_cache(maxsize=64)
+def consensus_of(search: RansacSearch) -> Consensus:
+    """The candidates about the place of the photo where they are expected.
+
+    As where the engine makes its hypotheses, the photo is linearised there; nothing but that is
+    taken from it, as the prior is loose.
+    """
+    points, pixels, _ = search.candidates
+    predicted, design = PHOTO.linearised(points, TRUTH)
+    alike = np.ones(search.count)
+    known = Candidates(
+        np.arange(search.count), pixels, alike, alike, alike, alike / (2 * search.half_m) ** 2
+    )
+    return Consensus(known, pixels - predicted, design, LOOSE, options=ConsensusOptions())
+
+
+def distances_m(search: RansacSearch, models: Models) -> Matrix:
+    """Distance of every candidate (columns) from every model; a pixel is a metre."""
+    if search.model == "resection":
+        return np.sqrt(consensus_of(search).squared(models))
+    ground, image = conditioned_points(search, search.model)
+    return distances(models, ground, image) * spread_of(search.candidates[1])
+
+
+def places_of(search: RansacSearch, model: Models) -> PixelPoints:
+    """Where one model puts all known points."""
+    pixels = search.candidates[1]
+    if search.model == "resection":
+        consensus = consensus_of(search)
+        return pixels - consensus.offset + consensus.design @ model[0]
+    ground, _ = conditioned_points(search, search.model)
+    computed = np.column_stack([part[0] for part in places_by(model, ground)])
+    return computed * spread_of(pixels) + pixels.mean(axis=0)
+
+
+def spread_of(pixels: PixelPoints) -> float:
+    """Unit of conditioned candidates, pixels."""
+    return float(np.std(pixels - pixels.mean(axis=0)))
 
 
 @lru_cache(maxsize=64)
@@ -128,11 +194,7 @@ def score_batch(
     search: RansacSearch, batch: int, limit_m: float, samples: int
 ) -> tuple[Scalars, Flags]:
     """How many candidates agree with each sample of a batch, and which with its best."""
-    points, pixels, _ = candidates(search.count, search.share, search.half_m, search.seed)
-    ground, image = conditioned(points[:, : AXES[search.transform]]), conditioned(pixels)
-    scale = float(np.std(pixels - pixels.mean(axis=0)))
-    found = solve_batch(search, batch)[:samples]
-    near = distances(found, ground, image) * scale < limit_m
+    near = distances_m(search, solve_batch(search, batch)[:samples]) < limit_m
     counts = near.sum(axis=1)
     return counts.astype(np.float64), near[int(counts.argmax())].copy()
 
@@ -150,13 +212,13 @@ def search_best(search: RansacSearch, limit_m: float, samples: int) -> tuple[Sca
 
 def search_of(state: sheet.State) -> tuple[RansacSearch, float]:
     """The search that the sliders or a block of the thesis make, and within what agrees, metres."""
-    half, limit, transform = state["half"], state["limit"], TRANSFORMS[int(state["model"]) - 1]
+    half, limit, model = state["half"], state["limit"], MODELS[int(state["model"]) - 1]
     if state["block"]:
         options = BLOCKS[int(state["block"]) - 1]
         half = (options.window - options.template) / 2
-        limit, transform = options.ransac.threshold_px * options.gsd_m, options.transform
+        limit, model = options.ransac.threshold_px * options.gsd_m, options.transform
     share, seed = state["share"] / 100, int(state["seed"])
-    return RansacSearch(int(state["N"]), share, half, seed, transform), limit
+    return RansacSearch(int(state["N"]), share, half, seed, model), limit
 
 
 def view(state: sheet.State) -> sheet.View:
@@ -166,7 +228,7 @@ def view(state: sheet.State) -> sheet.View:
     idle = dict[str, str]()
     more = dict[str, sheet.Number]()
     if state["block"]:
-        idle = dict.fromkeys(("model", "half", "limit"), f"block_{search.transform}")
+        idle = dict.fromkeys(("model", "half", "limit"), f"block_{search.model}")
         more = {
             "half": sheet.Number(search.half_m, 1, "m"),
             "limit": sheet.Number(limit, 1, "m"),
@@ -181,7 +243,7 @@ def view(state: sheet.State) -> sheet.View:
 
 def whole_search(search: RansacSearch, limit: float, samples: int) -> sheet.View:
     """The candidates, the best sample, and the same search in nothing but chance."""
-    points, _, right = candidates(search.count, search.share, search.half_m, search.seed)
+    points, _, right = search.candidates
     best, agrees = search_best(search, limit, samples)
     noise = replace(search, share=0.0, seed=search.seed + 500)
     chance, _ = search_best(noise, limit, samples)
@@ -250,16 +312,12 @@ def one_sample(search: RansacSearch, limit: float, sample: int, phase: str) -> s
         sample: Its place in the search, from nought.
         phase: One of `PHASES`.
     """
-    points, pixels, right = candidates(search.count, search.share, search.half_m, search.seed)
-    ground, image = conditioned(points[:, : AXES[search.transform]]), conditioned(pixels)
+    points, pixels, right = search.candidates
     told, is_best = phase in ("agreeing", "best"), phase == "best"
     counts = score_batch(search, 0, limit, sample + 1)[0]
     drawn = int(np.argmax(counts)) if is_best else sample
     model = solve_batch(search, 0)[drawn : drawn + 1]
-    spread = float(np.std(pixels - pixels.mean(axis=0)))
-    agrees = distances(model, ground, image)[0] * spread < limit
-    computed = np.column_stack([part[0] for part in places_by(model, ground)])
-    computed = computed * spread + pixels.mean(axis=0)
+    agrees = distances_m(search, model)[0] < limit
     figures = {"sample": sheet.Number(sample + 1, 0), "size": sheet.Number(search.size, 0)}
     own, most = float(counts[sample]), int(agrees.sum())
     if told:
@@ -267,9 +325,8 @@ def one_sample(search: RansacSearch, limit: float, sample: int, phase: str) -> s
     if is_best:
         figures["best"] = sheet.Number(most, 0)
         figures |= alarms_of(search, limit, most)
-    shapes = shifts_shown(
-        points, pixels, samples_of(search, 0)[drawn], None if phase == "sample" else computed
-    )
+    computed = None if phase == "sample" else places_of(search, model)
+    shapes = shifts_shown(points, pixels, samples_of(search, 0)[drawn], computed)
     if told:
         shapes.append(sheet.shape("dots", points[agrees, :2], "estimate"))
     steps, at = np.arange(1, sample + 2), (float(sample + 1), own)
@@ -336,7 +393,7 @@ LESSON = sheet.Lesson(
     (
         sheet.Slider("step", 0, STEPPED * len(PHASES), 0, 1),
         sheet.Slider("block", 0, len(BLOCKS), 0, 1),
-        sheet.Slider("model", 1, len(TRANSFORMS), 2, 1),
+        sheet.Slider("model", 1, len(MODELS), 2, 1),
         sheet.Slider("N", 20, 160, 95, 5, "", "N"),
         sheet.Slider("share", 0, 60, 0, 2, "%"),
         sheet.Slider("half", 10, 60, 29, 1, "m"),

@@ -28,6 +28,8 @@ from core.arrays import Flags, Indices, Matrix, PixelPoints, Scalars
 
 Steps = Float64[np.ndarray, "hypotheses unknowns"]
 """Many values of the unknowns."""
+Samples = Int[np.ndarray, "hypotheses sample"]
+"""Indices of the candidates that each hypothesis comes from."""
 Costs = Float64[np.ndarray, "hypotheses"]
 """One cost a hypothesis."""
 Chosen = Int[np.ndarray, "chosen"]
@@ -140,7 +142,10 @@ class Consensus:
             & (point[:, 0] != point[:, 2])
             & (point[:, 1] != point[:, 2])
         )
-        drawn = drawn[distinct]
+        return self.from_samples(drawn[distinct])
+
+    def from_samples(self, drawn: Samples) -> Steps:
+        """Unknowns (hypotheses, unknowns) from the candidates of each sample and the prior."""
         weight_px = 1 / self.candidates.sigma_px**2
         normals = np.einsum("cai,c,caj->cij", self.design, weight_px, self.design)
         rights = np.einsum("cai,c,ca->ci", self.design, weight_px, self.offset)
@@ -149,13 +154,17 @@ class Consensus:
 
     def cost(self, steps: Steps) -> Costs:
         """MSAC cost of each hypothesis: one candidate a point, truncated, plus the prior."""
+        missed = self.missed(self.squared(steps))
+        per_point = np.minimum.reduceat(missed, self.first, axis=1)
+        prior = np.einsum("hi,ij,hj->h", steps, self.prior_information, steps)
+        return per_point.sum(axis=1) + prior
+
+    def squared(self, steps: Steps) -> Float64[np.ndarray, "hypotheses candidates"]:
+        """Normalised squared distance of every candidate from every hypothesis."""
         unknowns = self.design.shape[2]
         residual = self.offset.reshape(-1) - steps @ self.design.reshape(-1, unknowns).T
         residual *= residual
-        squared = (residual[:, ::2] + residual[:, 1::2]) / self.candidates.sigma_px**2
-        per_point = np.minimum.reduceat(self.missed(squared), self.first, axis=1)
-        prior = np.einsum("hi,ij,hj->h", steps, self.prior_information, steps)
-        return per_point.sum(axis=1) + prior
+        return (residual[:, ::2] + residual[:, 1::2]) / self.candidates.sigma_px**2
 
     def missed(self, squared: Any) -> Any:
         """What a candidate at a normalised squared distance costs."""

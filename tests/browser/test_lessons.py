@@ -210,6 +210,20 @@ def test_every_choice_lies_within_its_room__law(learn, size):
     assert room.evaluate("e => e.scrollWidth <= e.clientWidth")
 
 
+@pytest.mark.parametrize("language", ["en", "cs"])
+def test_the_question_is_seen_without_scrolling__law(learn, language):
+    """On the usual screen of a notebook the field and its button lie above the lower edge."""
+    page, wrong = learn(next(iter(LESSONS)), language=language, size={"width": 1366, "height": 768})
+    for name in LESSONS:
+        page.click(f'[data-lesson="{name}"]')
+        settled(page)
+        page.wait_for_selector("#check")
+        assert page.locator("#check").bounding_box()["y"] + 24 <= 768, name
+        room = page.locator("#controls")
+        assert room.evaluate("e => e.scrollWidth <= e.clientWidth"), name
+    assert wrong == []
+
+
 def test_ransac_goes_forward_and_back_by_one_step__law(learn):
     page, wrong = learn("ransac")
     words = Teacher(LESSONS).listed("en")["words"]

@@ -157,7 +157,7 @@ def test_a_count_of_the_lesson_is_that_of_the_engine__law() -> None:
             points,
             pixels,
             np.arange(search.count),
-            RansacOptions(BATCH, limit, search.transform),
+            RansacOptions(BATCH, limit, search.model),
             np.random.default_rng((search.seed, 0)),
         )
         assert lesson.view(state).figures["best"].value == len(kept)
