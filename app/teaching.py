@@ -31,7 +31,7 @@ MOST_SEED = 2**31
 COLUMNS = ("when", "student", "lesson", "question", "asked", "answer", "right_answer", "unit",
            "tolerance", "result", "sliders", "seed")  # fmt: skip
 """Of the table of answers."""
-REMEDY = "Compare it with the lessons of app/lessons, as docs/teaching.md shows."
+REMEDY = "Compare it with the lessons of app/lessons, as docs/python/lessons.md shows."
 
 
 def find_lessons(own: Path | None = None, block: Path | None = None) -> dict[str, Lesson]:
@@ -121,8 +121,10 @@ def read_lesson(path: Path) -> Lesson:
         spec.loader.exec_module(module)
         lesson = module.LESSON
         lesson.view(lesson.start)
-        lesson.questions[0].ask(np.random.default_rng(0))
+        for question in lesson.questions:
+            question.ask(np.random.default_rng(0))
     except (
+        AssertionError,
         SyntaxError,
         ImportError,
         AttributeError,
@@ -133,7 +135,12 @@ def read_lesson(path: Path) -> Lesson:
         ArithmeticError,
         RuntimeError,
     ) as error:
-        raise LessonError(path, say("does not work: {why}.", why=str(error)), REMEDY) from error
+        why = str(error) or type(error).__name__
+        raise LessonError(path, say("does not work: {why}.", why=why), REMEDY) from error
+    for one in lesson.sliders:
+        if not one.low <= one.start <= one.high:
+            out = say("opens with {name} beyond its range.", name=one.name)
+            raise LessonError(path, out, "Start it between its least and greatest value.")
     return cast("Lesson", lesson)
 
 

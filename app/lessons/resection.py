@@ -109,6 +109,7 @@ def view(state: sheet.State) -> sheet.View:
         (canvas, scene(plan, points, covariance)),
         symbols_of(count) | covariance_symbols(covariance, sigma),
         plot if fixed else None,
+        warning="" if fixed else "undetermined",
     )
 
 
@@ -164,6 +165,7 @@ def figures_of(covariance: Matrix, at_corners: np.ndarray) -> dict[str, sheet.Nu
         "sigma_y": sheet.Number(float(sigmas[1]), 2, "m"),
         "sigma_z": sheet.Number(float(sigmas[2]), 2, "m"),
         "sigma_omega": sheet.Number(float(np.degrees(sigmas[3])) * 60, 2, "′"),
+        "sigma_phi": sheet.Number(float(np.degrees(sigmas[4])) * 60, 2, "′"),
         "sigma_kappa": sheet.Number(float(np.degrees(sigmas[5])) * 60, 2, "′"),
         "corner": sheet.Number(float(worst), 2, "m"),
     }

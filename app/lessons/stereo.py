@@ -55,8 +55,8 @@ def view(state: sheet.State) -> sheet.View:
     found = height_from(measured, rays, sigma)
     middle = sigma_height(base, above, c, sigma)
     parallax = float(measured[0, 0] - measured[1, 0])
-    split = 1000 * (float(marks[0, 0] - marks[1, 0]) - parallax)
-    bases = np.geomspace(0.1, 1.2, 12) * above
+    split = 1000 * (parallax - float(marks[0, 0] - marks[1, 0]))
+    bases = np.geomspace(0.1, max(1.2, base / above), 12) * above
     figures = {
         "parallax": sheet.Number(parallax, 3, "mm"),
         "split": sheet.Number(split, 0, "µm"),
@@ -73,7 +73,8 @@ def view(state: sheet.State) -> sheet.View:
         "σ_p": sheet.Number(np.sqrt(2) * sigma / 1000, 4, "mm"),
     }
     canvases = (scene(rays, mark, height), pair(measured, marks, split))
-    return sheet.View(figures, canvases, symbols, plot)
+    warning = "beyond" if np.abs(exact[:, 0]).max() > HALF_MM else ""
+    return sheet.View(figures, canvases, symbols, plot, warning=warning)
 
 
 def scene(rays: list[OrientedRay], mark: float, height: float) -> sheet.Canvas:
@@ -122,7 +123,14 @@ def pair(measured: FilmPoints, marks: FilmPoints, split: float) -> sheet.Canvas:
             sheet.shape("dots", [(0, 1.5)], "given", "left"),
             sheet.shape("crosses", [(0, 1.5)], "bad"),
             sheet.shape("dots", [(0, -1.5)], "given", "right"),
-            sheet.shape("crosses", [(float(x[1]), -1.5)], "bad", "mark", below=True),
+            sheet.shape(
+                "crosses",
+                [(float(x[1]), -1.5)],
+                "bad",
+                "mark",
+                number=sheet.Number(split, 0, "µm"),
+                below=True,
+            ),
         ),
         "µm",
         equal=False,

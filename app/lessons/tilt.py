@@ -47,7 +47,8 @@ def view(state: sheet.State) -> sheet.View:
     down = nadir / max(away, 1e-12)
     axis = np.array([-down[1], down[0]])
     reach = np.linspace(-HALF_MM, HALF_MM, 60)
-    scales = scale_numbers(reach[:, None] * down, exterior, c)
+    # To the right as on the film at first: towards the horizon.
+    scales = scale_numbers(-reach[:, None] * down, exterior, c)
     shown = (scales > 0) & (scales < 6 * ABOVE_M / c * 1000)
     points = {"principal": np.zeros(2), "isocentre": iso, "nadir": nadir}
     tower = seen_tower(state, exterior)
@@ -78,18 +79,19 @@ def view(state: sheet.State) -> sheet.View:
         "scale_i": sheet.Number(float(scale_numbers(iso[None], exterior, c)[0]), 0),
         "scale_h": sheet.Number(float(scale_numbers(np.zeros((1, 2)), exterior, c)[0]), 0),
     }
-    at = float(down @ iso)
+    at = -float(down @ iso)
     plot = sheet.Plot(
         "along",
         "scale",
         (sheet.curve("scale", reach[shown], scales[shown]),),
         (at, figures["scale_i"].value),
     )
-    symbols = {"n": figures["nadir"], "i": found, "H": sheet.Number(ABOVE_M, 0, "m")}
+    symbols = {"n": figures["nadir"], "i": found, "Z_O": sheet.Number(ABOVE_M, 0, "m")}
     if tower:
         figures |= tower.figures()
         symbols |= tower.symbols()
-    return sheet.View(figures, (scene(exterior, c, tower), film), symbols, plot)
+    warning = "" if tower else "sky"
+    return sheet.View(figures, (scene(exterior, c, tower), film), symbols, plot, warning=warning)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -296,7 +298,7 @@ LESSON = sheet.Lesson(
                 ),
             ),
         ),
-        sheet.Equation("Δr_h", sheet.over(sheet.row("r_N", "*", "h"), "H")),
+        sheet.Equation("Δr_h", sheet.over(sheet.row("r_N", "*", "h"), "Z_O")),
     ),
     (sheet.Question("nadir", "mm", 0.3, ask),),
     hides_truth=True,

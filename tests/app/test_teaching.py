@@ -113,6 +113,25 @@ def test_a_lesson_that_hides_another_or_lacks_words_is_refused__law(
     assert "of its LESSON" in said or "Give its LESSON another name" in said
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("def ask(rng):", "def ask(rng):\n    assert rng is None", "AssertionError"),
+        ('"sun", 10, 70, 30', '"sun", 10, 70, 80', "opens with sun beyond its range"),
+    ],
+)
+def test_a_lesson_that_cannot_be_opened_is_refused__law(
+    own: Path, old: str, new: str, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = own.read_text(encoding="utf-8")
+    assert old in text
+    own.write_text(text.replace(old, new), encoding="utf-8")
+    assert main(["teach", "--own", str(own), "--list"]) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert str(own) in said
+    assert told in said
+
+
 def test_a_lesson_in_one_language_is_shown_in_it__law(own: Path) -> None:
     text = own.read_text(encoding="utf-8").replace('texts={"en"', 'texts={"cs"')
     own.write_text(text, encoding="utf-8")

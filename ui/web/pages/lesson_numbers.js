@@ -72,7 +72,11 @@ function term(part, how) {
     const [one, parts] = /** @type {[string, LessonMath]} */ (inside);
     return how.plain || !(one in how.symbols) ? term(parts, how) : leaf(one, how);
   }
-  const made = inside.map((one) => term(one, how));
+  const made = inside.map((one, at) => {
+    const shown = term(one, how);
+    const isInside = act === "row" && at > 0 && isNegative(one, how);
+    return isInside ? math("mrow", low("("), shown, low(")")) : shown;
+  });
   if (act === "over") return math("mfrac", ...made);
   if (act === "root") return math("msqrt", ...made);
   if (act === "power") {
@@ -82,6 +86,15 @@ function term(part, how) {
   }
   if (act === "fence") return math("mrow", sign("("), ...made, sign(")"));
   return math("mrow", ...made);
+}
+
+/**
+ * Whether a part is one number that begins with a minus.
+ * @param {LessonMath} part @param {Parameters<typeof term>[1]} how
+ */
+function isNegative(part, { plain, symbols }) {
+  const known = plain || typeof part !== "string" ? null : symbols[part];
+  return Boolean(known) && !Array.isArray(known) && told(known).startsWith("\u2212");
 }
 
 /** @param {string} text @param {Parameters<typeof term>[1]} how */

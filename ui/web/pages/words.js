@@ -335,7 +335,9 @@ export function shortPoint(name) {
 /** @param {number | null | undefined} value @param {number} digits */
 export function number(value, digits, unit = "") {
   if (value === null || value === undefined) return "\u2013";
-  return signed(value.toFixed(digits)) + (unit ? `\u2009${unit}` : "");
+  // What rounds to nought has no sign.
+  const rounded = Number(value.toFixed(digits)) || 0;
+  return signed(rounded.toFixed(digits)) + (unit ? `\u2009${unit}` : "");
 }
 
 /** An area, thousands apart. @param {number} value */

@@ -1,0 +1,51 @@
+"""What a drawing, its figures and its warning say of one state is the same."""
+
+import numpy as np
+import pytest
+
+from app.lessons import resection, stereo, tilt
+from app.lessons.photo import HALF_MM
+from app.lessons.sheet import Lesson, View
+
+
+def shown(lesson: Lesson, **moved: float) -> View:
+    return lesson.view(lesson.start | moved)
+
+
+@pytest.mark.parametrize("mark", [-50.0, 0.0, 250.0])
+def test_the_floating_mark_is_drawn_where_its_figure_says__law(mark: float) -> None:
+    """It was told with the other sign."""
+    view = shown(stereo.LESSON, mark=mark)
+    drawn = view.canvases[1].shapes[-1]
+    assert drawn.points[0][0] == pytest.approx(view.figures["split"].value, abs=1e-3)
+
+
+def test_a_base_that_no_film_covers_is_warned_of__law() -> None:
+    wide = shown(stereo.LESSON, B=3000, H=600, c=310)
+    assert wide.warning == "beyond"
+    assert HALF_MM < 3000 / 2 / 600 * 310
+    assert shown(stereo.LESSON).warning == ""
+    # The curve goes as far as the place on it that is marked.
+    assert wide.plot is not None
+    assert wide.plot.curves[0].points[-1][0] == pytest.approx(3000 / 600)
+
+
+def test_the_scale_number_grows_towards_the_horizon__law() -> None:
+    """The photo has it on the right, as the plot."""
+    view = shown(tilt.LESSON, t=30)
+    assert view.plot is not None
+    assert view.plot.at is not None
+    numbers = [number for _, number in view.plot.curves[0].points]
+    assert np.all(np.diff(numbers) > 0)
+    assert view.plot.at[0] == pytest.approx(-view.figures["isocentre"].value)
+
+
+def test_a_foot_in_the_sky_is_warned_of__law() -> None:
+    assert shown(tilt.LESSON, t=40, c=85, x=110).warning == "sky"
+    assert shown(tilt.LESSON).warning == ""
+
+
+def test_points_that_fix_nothing_are_warned_of__law() -> None:
+    line = {f"y{i}": 0.0 for i in range(1, 5)} | {"relief": 0.0}
+    assert shown(resection.LESSON, **line).warning == "undetermined"
+    assert shown(resection.LESSON).warning == ""
