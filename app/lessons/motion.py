@@ -77,7 +77,7 @@ LESSON = sheet.Lesson(
     "b",
     (
         sheet.Slider("n", 100, 700, 180, 5, "km/h", "n"),
-        sheet.Slider("shutter", 25, 1000, 200, 5, "/s"),
+        sheet.Slider("shutter", 25, 1000, 200, 5),
         sheet.Slider("c", 85, 310, 152, 1, "mm", "f"),
         sheet.Slider("H", 500, 8000, 1520, 10, "m"),
     ),

@@ -94,7 +94,7 @@ function term(part, how) {
  */
 function isNegative(part, { plain, symbols }) {
   const known = plain || typeof part !== "string" ? null : symbols[part];
-  return Boolean(known) && !Array.isArray(known) && told(known).startsWith("\u2212");
+  return known && !Array.isArray(known) ? told(known).startsWith("\u2212") : false;
 }
 
 /** @param {string} text @param {Parameters<typeof term>[1]} how */
