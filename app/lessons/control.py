@@ -1,26 +1,35 @@
 """Control and its distribution: how far from the nearest point a block is still known."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from app.lessons import sheet
-from app.lessons.flight import Flight, Plan, fly
+from app.lessons.flight import LOOSE, Flight, Plan, fly
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.equations import nine_places
 from core.adjustment.influence import influence_of
 from core.arrays import Matrix
-from core.block import footprint
+from core.block import Block, ExteriorPrior, footprint
 from core.geometry.collinearity import object_from_film
+from core.geometry.exterior import ExteriorOrientation
 
 STRIPS, PHOTOS, TIES = 2, 3, 300
 EXTENT = Plan(STRIPS, PHOTOS, TIES, 0.5, 1).extent
 SHOWN = 90
 """So many of the tie points are drawn."""
-TIMES = 300.0
-"""Standard deviations are drawn so many times their size."""
+TIMES = (300, 200, 100, 50, 20, 10, 5, 2)
+"""Standard deviations are drawn so many times their size: the most that leaves them in view."""
+WIDEST = 0.12
+"""A circle's radius at most, of the block's length."""
+CORNER = 0.33
+"""Part of length and width that control covers in the question: a ninth of the block."""
+LOOSER = 10.0
+"""How much weaker the rough orientations are made to see whether anything rests on them."""
+RESTS = 1.1
+"""By so much standard deviations may grow with that: they do not rest on them."""
 HELD = AdjustmentOptions(estimate_cameras=False, robust=False)
 DEM_M = 0.4
 """Heights of control come from a surface model that is so good (standard deviation)."""
@@ -48,6 +57,8 @@ class AdjustedFlight:
     """Standard deviations (E, N) of the ground at nine places of each photo, metres."""
     errors: Matrix
     """True errors there."""
+    is_held: bool
+    """Whether control and ties hold it, without the rough orientations."""
 
 
 @lru_cache(maxsize=64)
@@ -56,14 +67,43 @@ def adjusted(
 ) -> AdjustedFlight:
     """The block of a state, adjusted; `where` is the middle of the control and its spread."""
     plan = Plan(STRIPS, PHOTOS, TIES, noise_px, seed)
-    flight = fly(plan, places(count, where[:2], where[2]), sigma_m, DEM_M)
+    flown = fly(plan, places(count, where[:2], where[2]), sigma_m, DEM_M)
+    flight = replace(flown, block=roughly_known(flown.block, seed))
     report = adjust_block(flight.block, HELD)
+    cofactors = ground_cofactors(report)
+    looser = ExteriorPrior(LOOSER * LOOSE.sigma_centre_m, LOOSER * LOOSE.sigma_angles)
+    photos = {name: replace(one, prior=looser) for name, one in report.block.photos.items()}
+    freed = ground_cofactors(replace(report, block=report.block.with_photos(photos)))
+    return AdjustedFlight(
+        flight,
+        report,
+        report.sigma_nought * cofactors,
+        ground_errors(flight, report),
+        is_held=rms(freed) < RESTS * rms(cofactors),
+    )
+
+
+def roughly_known(block: Block, seed: int) -> Block:
+    """The block with rough orientations that are as wrong as is said of them."""
+    rng, photos = np.random.default_rng(3000 + seed), dict(block.photos)
+    for name, photo in photos.items():
+        true = photo.exterior
+        omega, phi, kappa = rng.normal(0, LOOSE.sigma_angles)
+        rough = ExteriorOrientation(
+            true.centre + rng.normal(0, LOOSE.sigma_centre_m),
+            true.omega + omega,
+            true.phi + phi,
+            true.kappa + kappa,
+        )
+        photos[name] = replace(photo, approximate=rough)
+    return block.with_photos(photos)
+
+
+def ground_cofactors(report: AdjustmentReport) -> Matrix:
+    """Standard deviations (E, N) of the ground for a sigma nought of one, as `sigmas`."""
     influence = influence_of(report, HELD)
     assert influence is not None, "a block with control has photos"
-    cofactors = np.concatenate(list(influence.corner_sigmas().values()))
-    return AdjustedFlight(
-        flight, report, report.sigma_nought * cofactors, ground_errors(flight, report)
-    )
+    return np.concatenate(list(influence.corner_sigmas().values()))
 
 
 def ground_errors(flight: Flight, report: AdjustmentReport) -> Matrix:
@@ -113,23 +153,29 @@ def view(state: sheet.State) -> sheet.View:
         "sigma", [away[p].mean() for p in parts], [plan[known][p].mean() for p in parts]
     )
     plot = sheet.Plot("away", "sigma", (curve,))
+    cofactor = (worst / report.sigma_nought) ** 2
     symbols = {
         "σ_0": figures["sigma_nought"],
-        "q_X": sheet.Number((worst / report.sigma_nought) ** 2, 3, "m²"),
+        "q_X": sheet.Number(cofactor, 3 if cofactor < 10 else 1, "m²"),
         "σ_X": figures["worst"],
     }
-    canvas = drawing(flight, middle, plan, off, where)
-    return sheet.View(figures, (canvas,), symbols, plot)
+    widest = float(np.nanmax([plan[:SHOWN], off[:SHOWN]])) / np.sqrt(2)
+    times = next((one for one in TIMES if one * widest < WIDEST * EXTENT[0]), 1)
+    figures["times"] = sheet.Number(times, 0)
+    canvas = drawing(flight, middle, (plan, off), where, times)
+    warning = "" if found.is_held else "rough"
+    return sheet.View(figures, (canvas,), symbols, plot, warning=warning)
 
 
 def drawing(
     flight: Flight,
     control: Matrix,
-    plan: np.ndarray,
-    off: np.ndarray,
+    ties: tuple[np.ndarray, np.ndarray],
     where: tuple[float, float, float],
+    times: float,
 ) -> sheet.Canvas:
-    """The block in plan."""
+    """The block in plan; of ties standard deviation and true error, so many times their size."""
+    plan, off = ties
     frames = [
         np.array(footprint(photo, flight.block.cameras["lesson"]).exterior.coords)
         for photo in flight.photos.values()
@@ -141,30 +187,33 @@ def drawing(
         )
         if np.isfinite(sigma)
         for part in (
-            sheet.shape("line", sheet.ellipse(tie, np.eye(2) * sigma**2 / 2, TIMES), "error"),
-            sheet.shape("line", [tie, (tie[0], tie[1] + TIMES * error / np.sqrt(2))], "truth"),
+            sheet.shape("line", sheet.ellipse(tie, np.eye(2) * sigma**2 / 2, times), "error"),
+            sheet.shape("line", [tie, (tie[0], tie[1] + times * error / np.sqrt(2))], "truth"),
         )
     ]
+    east, north = CORNER * EXTENT[0], CORNER * EXTENT[1]
     shapes = (
+        sheet.shape("line", [(0, north), (east, north), (east, 0)], "axis"),
+        sheet.shape("text", [(east / 2, north)], "axis", "corner"),
         *(sheet.shape("line", frame, "faint") for frame in frames),
         *rings,
         sheet.shape("crosses", control, "estimate"),
         sheet.shape("dots", [where[:2]], "ray", "control", handle=("x", "y")),
     )
     length, width = EXTENT
-    room = 0.04 * length
+    room = WIDEST * length
     return sheet.Canvas("plan", (-room, -room, length + room, width + room), shapes)
 
 
 def ask(rng: np.random.Generator) -> sheet.Asked:
     """How much worse one ninth of the block is than all of it."""
     middle = (EXTENT[0] / 2, EXTENT[1] / 2)
-    count, seed = int(rng.integers(12, 31)), int(rng.integers(1, 100))
+    count, flight = int(rng.integers(12, 31)), int(rng.integers(1, 100))
     spread, ninth = (
-        rms(adjusted(0.5, seed, count, where, 1.0).sigmas)
-        for where in ((*middle, 1.0), (0.0, 0.0, 1 / 3))
+        rms(adjusted(0.5, flight, count, where, 1.0).sigmas)
+        for where in ((*middle, 1.0), (0.0, 0.0, CORNER))
     )
-    return sheet.Asked({"sigma": 1, "n": count}, ninth / spread)
+    return sheet.Asked({"sigma": 1, "n": count, "flight": flight}, ninth / spread)
 
 
 LESSON = sheet.Lesson(
