@@ -38,6 +38,11 @@ def caught_up(page) -> None:
     page.wait_for_function("!gruber.isAhead()")
 
 
+def drawn(page) -> None:
+    """Wait until what was asked is on screen: pages draw once per frame."""
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
 def gone_on(page, key: str) -> None:
     """Wait until the desk shows another point than this one and takes a decision on it."""
     page.wait_for_function("key => gruber.parts.point.key.join('|') !== key", arg=key)

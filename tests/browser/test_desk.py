@@ -424,11 +424,11 @@ def test_pictures_are_drawn_and_blink_exchanges_them__law(sit):
     label = page.locator('.pane[data-pane="left"] .label')
     assert label.inner_text() == "Ortho"
     page.keyboard.down(" ")
-    page.wait_for_function("gruber.compareState().blink")
-    page.wait_for_timeout(200)
-    assert re.match("Scan", label.inner_text())
+    page.wait_for_selector('.pane[data-pane="left"] .label:has-text("Scan")')
+    assert page.evaluate("gruber.compareState().blink")
     page.keyboard.up(" ")
-    page.wait_for_function("!gruber.compareState().blink")
+    page.wait_for_selector('.pane[data-pane="left"] .label:text-is("Ortho")')
+    assert not page.evaluate("gruber.compareState().blink")
 
 
 def test_orthos_are_made_again_with_progress_while_deciding_goes_on__law(chromium, tmp_path, sit):

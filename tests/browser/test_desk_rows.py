@@ -1,6 +1,6 @@
 """Rows of the queue in a real Chromium: marked together, in sight, searched."""
 
-from tests.browser.hands import caught_up, current, grow
+from tests.browser.hands import caught_up, current, drawn, grow
 
 SHOWN = """gruber.parts.queue.shown.map(index => gruber.parts.rows[index].slice(0, 2).join("|"))"""
 DRAWN = """[...document.querySelectorAll('.row')].sort((a, b) => a.offsetTop - b.offsetTop)
@@ -18,7 +18,7 @@ def test_a_range_marked_by_key_holds_the_row_that_is_shown__law(sit):
     def marks(key: str) -> list[str]:
         page.keyboard.press(key)
         caught_up(page)
-        page.wait_for_timeout(50)
+        drawn(page)
         return page.evaluate(MARKED)
 
     assert marks("Shift+ArrowDown") == keys[2:4]
