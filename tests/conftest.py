@@ -14,6 +14,10 @@ from hypothesis import settings
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# It lays itself around the functions of what is imported after it.
+from tests import shapes
+
+# isort: split
 from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
 from tests.tiny import Tiny, open_tiny, with_check_points
@@ -40,13 +44,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Shapes are checked at every call by the tests of the engine, but by its long ones.
+    """Shapes are checked by the tests of the engine, but by its long ones.
 
     Elsewhere checks would take a third of the time, and find what these find: `make test` does not
     even load them there.
     """
-    checked = item.get_closest_marker("shapes") is not None
-    jaxtyping.config.update("jaxtyping_disable", not checked)
+    shapes.begin(checked=item.get_closest_marker("shapes") is not None)
 
 
 @pytest.hookimpl(wrapper=True)
