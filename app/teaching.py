@@ -6,6 +6,7 @@ import pkgutil
 import secrets
 import sys
 import threading
+import traceback
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
@@ -135,13 +136,23 @@ def read_lesson(path: Path) -> Lesson:
         ArithmeticError,
         RuntimeError,
     ) as error:
-        why = str(error) or type(error).__name__
-        raise LessonError(path, say("does not work: {why}.", why=why), REMEDY) from error
+        raise LessonError(path, _why(error, path), REMEDY) from error
     for one in lesson.sliders:
         if not one.low <= one.start <= one.high:
             out = say("opens with {name} beyond its range.", name=one.name)
             raise LessonError(path, out, "Start it between its least and greatest value.")
     return cast("Lesson", lesson)
+
+
+def _why(error: Exception, path: Path) -> str:
+    """What broke a lesson, and in which line of its file it did."""
+    why = f"{type(error).__name__}: {error}".removesuffix(": ")
+    own = [part.lineno for part in traceback.extract_tb(error.__traceback__)
+           if Path(part.filename) == path]  # fmt: skip
+    line = error.lineno if isinstance(error, SyntaxError) else own[-1] if own else None
+    if line is None:
+        return say("does not work: {why}.", why=why)
+    return say("does not work in line {line}: {why}.", line=line, why=why)
 
 
 class Teacher:

@@ -73,12 +73,29 @@ def view(state: sheet.State) -> sheet.View:
         "r": sheet.Number(fit.redundancy, 0),
         "m": sheet.Number(len(MARKS), 0),
         "u": sheet.Number(2 * len(MARKS) - fit.redundancy, 0),
-        "x_F": sheet.Number(FAR, 3, "mm"),
-        "y_F": sheet.Number(FAR, 3, "mm"),
-        "x": sheet.Number(FAR - state["x0"], 3, "mm"),
-        "y": sheet.Number(FAR - state["y0"], 3, "mm"),
+    } | last_mark(fit, pixels[-1], state["x0"])
+    shown = (REDUNDANCY, *(PROJECTED if fit.model == "projective" else (LAID,)), REDUCED)
+    return sheet.View(figures, (film(fit.residuals, principal),), symbols, plot, equations=shown)
+
+
+def last_mark(fit: FilmFit, pixel: np.ndarray, x0_mm: float) -> dict[str, sheet.Number]:
+    """The way of the mark in the upper right corner from scan to film along x."""
+    (a_1, a_2, a_3), (w_1, w_2) = fit.matrix[0].tolist(), fit.warp.tolist()
+    flat = fit.matrix @ np.append(pixel, 1.0)
+    x_mm = float(MARKS[-1, 0] + fit.residuals[-1, 0])
+    return {
+        "a_1": sheet.Number(1000 * a_1, 4, "µm"),
+        "a_2": sheet.Number(1000 * a_2, 4, "µm"),
+        "a_3": sheet.Number(a_3, 3, "mm"),
+        "w_1": sheet.Number(1e6 * w_1, 2, "·10⁻⁶/mm"),
+        "w_2": sheet.Number(1e6 * w_2, 2, "·10⁻⁶/mm"),
+        "k": sheet.Number(float(pixel[0]), 1),
+        "l": sheet.Number(float(pixel[1]), 1),
+        "x_A": sheet.Number(float(flat[0]), 3, "mm"),
+        "y_A": sheet.Number(float(flat[1]), 3, "mm"),
+        "x_F": sheet.Number(x_mm, 3, "mm"),
+        "x": sheet.Number(x_mm - x0_mm, 3, "mm"),
     }
-    return sheet.View(figures, (film(fit.residuals, principal),), symbols, plot)
 
 
 def forgotten(principal_mm: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -136,6 +153,18 @@ def ask(rng: np.random.Generator) -> sheet.Asked:
     return sheet.Asked({"shrink": shrink, "side": side}, 1000 * float(moved[0, 0]))
 
 
+REDUNDANCY = sheet.Equation("r", sheet.row("2", "*", "m", "−", "u"))
+ON_FILM = sheet.row("a_1", "*", "k", "+", "a_2", "*", "l", "+", "a_3")
+LAID = sheet.Equation("x_F", ON_FILM)
+PROJECTED = (
+    sheet.Equation("x_A", ON_FILM),
+    sheet.Equation(
+        "x_F",
+        sheet.over("x_A", sheet.row("1", "+", "w_1", "*", "x_A", "+", "w_2", "*", "y_A")),
+    ),
+)
+"""A projective model goes on from an affine one."""
+REDUCED = sheet.Equation("x", sheet.row("x_F", "−", "x_0"))
 LESSON = sheet.Lesson(
     "interior",
     "a",
@@ -146,16 +175,12 @@ LESSON = sheet.Lesson(
         sheet.Slider("shear", -1, 1, 0.2, 0.02, "mrad"),
         sheet.Slider("bend", -5, 5, 0, 0.1, "·10⁻⁶/mm"),
         sheet.Slider("x0", -0.25, 0.25, 0.08, 0.005, "mm", "x_0"),
-        sheet.Slider("y0", -0.25, 0.25, -0.05, 0.005, "mm", "y_0"),
+        sheet.Slider("y0", -0.25, 0.25, -0.05, 0.005, "mm"),
         sheet.NOISE,
         sheet.SEED,
     ),
     view,
-    (
-        sheet.Equation("r", sheet.row("2", "*", "m", "−", "u")),
-        sheet.Equation("x", sheet.row("x_F", "−", "x_0")),
-        sheet.Equation("y", sheet.row("y_F", "−", "y_0")),
-    ),
+    (REDUNDANCY, LAID, REDUCED),
     (sheet.Question("shrink", "µm", 2.0, ask, 0),),
     hides_truth=True,
 )

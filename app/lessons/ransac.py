@@ -284,12 +284,22 @@ def alarms_of(search: RansacSearch, limit: float, agreeing: int) -> dict[str, sh
 
 def symbols_of(search: RansacSearch, limit: float, agreeing: int) -> dict[str, sheet.Number]:
     """Numbers of the formulas."""
-    return {
+    symbols = {
         "w": sheet.Number(search.share, 2),
         "m": sheet.Number(search.size, 0),
         "k": sheet.Number(agreeing, 0),
-        "α": sheet.Number(search.chance(limit), 4),
+        "α": in_tens(np.log10(search.chance(limit))),
     }
+    if agreeing > search.size:
+        symbols["NFA"] = in_tens(search.log10_nfa(agreeing, limit))
+    return symbols
+
+
+def in_tens(logarithm: float) -> sheet.Number:
+    """A number of two digits and a power of ten."""
+    power = int(np.floor(logarithm))
+    raised = str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return sheet.Number(10 ** (logarithm - power), 1, f"·10{raised}")
 
 
 def canvas_of(name: str, shapes: list[sheet.Shape]) -> sheet.Canvas:

@@ -153,11 +153,9 @@ def ask(rng: np.random.Generator) -> sheet.Asked:
     """The parallax, left minus right, that a small kappa makes at point 1; nothing else does."""
     kappa = float(rng.integers(2, 13)) / 10
     first, second = measured(np.array([0, 0, 0, 0, kappa]), 0.0, 1)
-    # Point 1 lies a base away from the second principal point.
-    return sheet.Asked(
-        {"kappa": kappa, "b": BASE_M / ABOVE_M * C_MM},
-        1000 * float(first[0, 1] - second[0, 1]),
-    )
+    # Point 1 lies below the first photo, as far from the second as the ground there is high.
+    away = float(np.hypot(*second[0]))
+    return sheet.Asked({"kappa": kappa, "b": away}, 1000 * float(first[0, 1] - second[0, 1]))
 
 
 LESSON = sheet.Lesson(

@@ -27,7 +27,8 @@ def view(state: sheet.State) -> sheet.View:
     leans = float(relief_displacement_mm(np.array([r]), np.array([h]), above)[0])
     radii = np.linspace(0, HALF_MM, 24)
     lean = relief_displacement_mm(radii, np.full(24, h), above)
-    shift, error = sheet.Number(leans, 2, "mm"), sheet.Number(flat - top, 1, "m")
+    shown = top if state["roof"] else flat
+    shift, error = sheet.Number(leans, 2, "mm"), sheet.Number(shown - top, 1, "m")
     film = sheet.Canvas(
         "film",
         (-HALF_MM * 1.06, -HALF_MM * 1.06, HALF_MM * 1.06, HALF_MM * 1.06),
@@ -46,18 +47,22 @@ def view(state: sheet.State) -> sheet.View:
         "ground": error,
         "distance": sheet.Number(top, 0, "m"),
     }
-    scene = tower_in_space(exterior, state["c"], np.array([[foot, 0.0], [r, 0.0]]), h)
+    scene = tower_in_space(
+        exterior, state["c"], np.array([[foot, 0.0], [r, 0.0]]), h, bool(state["roof"])
+    )
     plot = sheet.Plot("r", "leans", (sheet.curve("leans", radii, lean),), (r, leans))
     return sheet.View(figures, (scene, film), {"Δr": shift}, plot)
 
 
 def tower_in_space(
-    exterior: ExteriorOrientation, c: float, film: FilmPoints, h: float
+    exterior: ExteriorOrientation, c: float, film: FilmPoints, h: float, roof: bool
 ) -> sheet.Canvas:
-    """The tower, the rays to its foot and top, and where an ortho without heights puts the top."""
+    """The tower, the rays to its foot and top, and where an ortho puts the top."""
     centre, camera = exterior.centre, camera_with(c)
     above = float(centre[2])
-    foot, flat = object_from_film(film, np.zeros(2), exterior, camera)
+    levels = np.array([0.0, h if roof else 0.0])
+    foot, shown = object_from_film(film, levels, exterior, camera)
+    shown[2] = 0.0
     top = foot + np.array([0.0, 0.0, h])
     edge = HALF_MM / c * above
     times = 0.2 * edge / HALF_MM * 1000
@@ -67,7 +72,7 @@ def tower_in_space(
         sheet.shape("area", [foot + a, foot + b, top + b, top + a], "given")
         for a, b in pairwise(half * np.array([[*at, 0.0] for at in (*SQUARE, SQUARE[0])]))
     ]
-    error = sheet.Number(float(flat[0] - foot[0]), 1, "m")
+    error = sheet.Number(float(shown[0] - foot[0]), 1, "m")
     shapes = (
         *space.ground(-0.4 * edge, -0.5 * edge, edge, 0.5 * edge),
         *space.photo(exterior, c, times, "O"),
@@ -76,9 +81,9 @@ def tower_in_space(
         *walls,
         sheet.shape("text", [top], "given", "tower"),
         *space.rays(centre, [foot], "faint"),
-        *space.rays(centre, [flat]),
+        *space.rays(centre, [top if roof else shown]),
         sheet.shape("arrow", marks, "bad"),
-        sheet.shape("arrow", [foot, flat], "bad", number=error, below=True),
+        sheet.shape("arrow", [foot, shown], "bad", number=error, below=True),
     )
     return sheet.Canvas("scene", (-0.4 * edge, -0.5 * edge, 0.0, edge, 0.5 * edge, above), shapes)
 
@@ -99,6 +104,7 @@ LESSON = sheet.Lesson(
         sheet.Slider("H", 600, 6000, 1500, 10, "m", "H"),
         sheet.Slider("r", 5, 115, 90, 1, "mm", "r"),
         sheet.Slider("c", 85, 300, 152, 1, "mm"),
+        sheet.Slider("roof", 0, 1, 0, 1),
     ),
     view,
     (sheet.Equation("Δr", sheet.over(sheet.row("r", "*", "h"), "H")),),

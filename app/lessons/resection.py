@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from app.lessons import sheet, space
-from app.lessons.photo import HALF_MM, PIXEL_MM, photo_model, vertical_at
+from app.lessons.photo import HALF_MM, PIXEL_MM, camera_with, photo_model, vertical_at
 from core.arrays import Matrix, ObjectPoints, PixelPoints
-from core.geometry.collinearity import object_from_film
+from core.geometry.collinearity import film_from_object, object_from_film
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.resection import PhotoModel, difference, moved
 
@@ -99,15 +99,13 @@ def view(state: sheet.State) -> sheet.View:
     )
     figures = figures_of(covariance, at_corners)
     shares = np.append(np.geomspace(0.15, 1.0, 9), 1.12)
-    closer = [
-        covariance_of(model, np.column_stack([plan * s, points[:, 2]]), sigma) for s in shares
-    ]
+    closer = [covariance_of(model, points * s, sigma) for s in shares]
     curve = sheet.curve("corner", shares, [worst_of(slopes, one) for one in closer])
     plot = sheet.Plot("share", "corner", (curve,), (1.0, figures["corner"].value))
     return sheet.View(
         figures,
         (canvas, scene(plan, points, covariance)),
-        symbols_of(count) | covariance_symbols(covariance, sigma),
+        symbols_of(count) | first_point(points) | covariance_symbols(covariance, sigma),
         plot if fixed else None,
         warning="" if fixed else "undetermined",
     )
@@ -191,6 +189,18 @@ def symbols_of(count: int) -> dict[str, sheet.Number]:
     return {"r": sheet.Number(2 * count - 6, 0), "n": sheet.Number(count, 0)}
 
 
+def first_point(points: ObjectPoints) -> dict[str, sheet.Number]:
+    """Point 1 on film, and from the camera along the axes of the film."""
+    along = TRUTH.object_from_image.T @ (points[0] - TRUTH.centre)
+    film = film_from_object(points[:1], TRUTH, camera_with(C_MM))
+    return {
+        "x_1": sheet.Number(float(film[0, 0]), 3, "mm"),
+        "c": sheet.Number(C_MM, 0, "mm"),
+        "u_1": sheet.Number(float(along[0]), 1, "m"),
+        "w_1": sheet.Number(float(along[2]), 1, "m"),
+    }
+
+
 def circle_through(places: np.ndarray) -> list[sheet.Shape]:
     """The circle in plan through three points: with the nadir on it, they fix nothing."""
     (a, b), (c, d) = places[1] - places[0], places[2] - places[0]
@@ -228,6 +238,7 @@ LESSON = sheet.Lesson(
     ),
     view,
     (
+        sheet.Equation("x_1", sheet.row("−", "c", "*", sheet.over("u_1", "w_1"))),
         sheet.Equation("r", sheet.row("2", "*", "n", "−", "6")),
         sheet.Equation("Σ", sheet.row(sheet.power("σ", "2"), "*", sheet.named("Q", COFACTORS))),
     ),

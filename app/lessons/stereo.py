@@ -69,6 +69,7 @@ def view(state: sheet.State) -> sheet.View:
     )
     plot = sheet.Plot("ratio", "sigma_z", (curve,), (base / above, middle))
     symbols = {
+        "p": sheet.Number(float(marks[0, 0] - marks[1, 0]), 3, "mm"),
         "σ_Z": sheet.Number(middle, 2, "m"),
         "σ_p": sheet.Number(np.sqrt(2) * sigma / 1000, 4, "mm"),
     }
@@ -150,7 +151,7 @@ LESSON = sheet.Lesson(
     "stereo",
     "e",
     (
-        sheet.Slider("mark", -50, 250, 0, 0.5, "m"),
+        sheet.Slider("mark", -50, 250, 0, 0.5, "m", "Z"),
         sheet.Slider("B", 200, 3000, 900, 10, "m", "B"),
         sheet.Slider("H", 600, 6000, 1800, 10, "m", "H"),
         sheet.Slider("c", 85, 310, 152, 1, "mm", "c"),
@@ -159,6 +160,7 @@ LESSON = sheet.Lesson(
     ),
     view,
     (
+        sheet.Equation("p", sheet.over(sheet.row("B", "*", "c"), sheet.row("H", "−", "Z"))),
         sheet.Equation(
             "σ_Z",
             sheet.row(sheet.over(sheet.power("H", "2"), sheet.row("B", "*", "c")), "*", "σ_p"),

@@ -168,7 +168,8 @@ def view(state: sheet.State) -> sheet.View:
     plot = None
     if off is None:
         middle = (EXTENT / 2).tolist()
-        shapes.append(sheet.shape("text", [middle], "bad", "impossible"))
+        label = "strips_need" if state["method"] == 2 else "impossible"
+        shapes.append(sheet.shape("text", [middle], "bad", label))
     else:
         figures |= figures_of(off)
         shapes += arrows(flight, off, state["times"])

@@ -65,7 +65,8 @@ def test_a_lesson_of_the_manual_works_as_it_stands__law(own: Path) -> None:
     [
         ("LESSON = 1\n", "no attribute"),
         ("import nowhere_at_all\n", "nowhere_at_all"),
-        ("def\n", "invalid syntax"),
+        ("def\n", "does not work in line 1: SyntaxError: invalid syntax"),
+        ("A = 1\n\nB = A['pp']\n", "does not work in line 3: TypeError: 'int' object is not"),
         ("A = 1\n", "LESSON"),
     ],
 )

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from app.lessons import ransac
+from app.lessons import ransac, sheet
 from app.lessons.ransac import BLOCKS, LESSON, PHASES, RansacSearch, search_best, search_of
 from app.teaching import Teacher
 from core.geometry.resection import moved
@@ -113,14 +113,21 @@ def test_every_model_and_block_has_a_picture_at_the_ends_of_sliders__law(
                 assert np.isfinite(np.array(shape.points, dtype=float)).all(), (slider.name, end)
 
 
+def tens_of(number: sheet.Number) -> float:
+    """The power of ten that stands as the unit of a number."""
+    raised = number.unit.removeprefix("·10").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789"))
+    return 10.0 ** int(raised or 0)
+
+
 def test_the_formula_gives_the_number_of_false_alarms__law() -> None:
     states = ({}, {"block": 1.0, "share": 30.0}, {"block": 2.0})
     for state in (*states, *({"model": model, "share": 50.0} for model in SIZES)):
         found = view(**state)
-        values = {name: one.value for name, one in found.symbols.items()}
+        values = {name: one.value * tens_of(one) for name, one in found.symbols.items()}
         n, k, m = int(LESSON.start["N"]), int(values["k"]), int(values["m"])
         nfa = (n - m) * math.comb(n, k) * math.comb(k, m) * values["α"] ** (k - m)
         assert math.log10(nfa) == pytest.approx(found.figures["nfa"].value, abs=1e-9)
+        assert values["NFA"] == pytest.approx(nfa)
 
 
 def test_chance_alone_is_no_finding_and_right_candidates_are_one__truth() -> None:

@@ -457,3 +457,30 @@ def test_radial_triangulation_of_level_photos_over_flat_ground_is_exact__law() -
     assert lesson.view(lesson.start | flat).figures["worst"].value < 1e-4
     hilly = lesson.view(lesson.start | flat | {"relief": 200, "tilt": 2}).figures
     assert hilly["worst"].value > 1
+
+
+def test_an_ortho_that_knows_the_roof_brings_the_top_over_its_foot__law() -> None:
+    lesson = LESSONS["relief"]
+    flat = lesson.view(lesson.start | {"h": 200}).figures["ground"].value
+    assert flat > 50
+    knows = lesson.view(lesson.start | {"h": 200, "roof": 1})
+    assert knows.figures["ground"].value == 0
+    assert knows.figures["leans"] == lesson.view(lesson.start | {"h": 200}).figures["leans"]
+
+
+def test_points_drawn_together_leave_less_and_less__law() -> None:
+    """Where plan and relief shrink alike, the ground at the corner is known the worse."""
+    lesson = LESSONS["resection"]
+    for relief in (0.0, 40.0, 300.0):
+        plot = lesson.view(lesson.start | {"relief": relief}).plot
+        assert plot is not None
+        sigmas = [sigma for _, sigma in plot.curves[0].points]
+        assert sigmas == sorted(sigmas, reverse=True), relief
+
+
+def test_a_turn_by_kappa_makes_the_parallax_its_hint_tells__law() -> None:
+    [question] = LESSONS["relative"].questions
+    for seed in range(20):
+        asked = question.ask(np.random.default_rng(seed))
+        arc = 1000 * asked.values["b"] * np.radians(asked.values["kappa"])
+        assert abs(asked.answer) == pytest.approx(arc, rel=1e-3)

@@ -10,7 +10,7 @@ from app.teaching import find_lessons, state_of
 
 LESSONS = find_lessons()
 METRES = {"µm": 1e-6, "mm": 1e-3, "m": 1.0, "km": 1e3, "°": np.pi / 180, "·10⁻⁶": 1e-6,
-          "·10⁻⁶/µm": 1.0}  # fmt: skip
+          "·10⁻⁶/µm": 1.0, "·10⁻⁶/mm": 1e-3}  # fmt: skip
 """Units of symbols; an angle per micrometre is one per metre a million times over."""
 FUNCTIONS = {"sin": np.sin, "cos": np.cos, "tan": np.tan}
 Value = float | np.ndarray
@@ -88,9 +88,10 @@ def worked_out(name: str, **state: float) -> dict[str, tuple[Value, Value]]:
     """Each formula's left side as it is shown, and what its right side comes to."""
     lesson = LESSONS[name]
     whole = state_of(lesson, state)
-    symbols = symbols_of(lesson.view(whole), lesson, dict(whole))
+    view = lesson.view(whole)
+    symbols, shown = symbols_of(view, lesson, dict(whole)), view.equations or lesson.equations
     formula = Formula(symbols)
-    return {one.left: (symbols[one.left], formula.value(one.right)) for one in lesson.equations}
+    return {one.left: (symbols[one.left], formula.value(one.right)) for one in shown}
 
 
 def test_refraction_its_constant_and_curvature_come_out_of_their_formulas__law() -> None:
@@ -108,6 +109,24 @@ def test_refraction_its_constant_and_curvature_come_out_of_their_formulas__law()
         for left in ("Δr_a", "Δr_e"):
             shown, come = found[left]
             assert come == pytest.approx(shown, abs=0.1e-6), left
+
+
+@pytest.mark.parametrize("model", [0, 1, 2])
+def test_a_mark_comes_from_the_scan_to_the_film_as_its_model_says__law(model: int) -> None:
+    """Both the scan's pixel and the sixth digit of the model are shown to less than 2 µm."""
+    found = worked_out("interior", model=model, bend=4, shear=0.5, x0=-0.1)
+    assert ("x_A" in found) == (model == 2)
+    for left, (shown, come) in found.items():
+        assert come == pytest.approx(shown, abs=2e-6), left
+
+
+def test_the_parallax_of_the_mark_and_the_image_of_a_point_come_out__law() -> None:
+    for state in ({}, {"mark": 120, "B": 2000}, {"H": 600, "c": 85, "mark": -50}):
+        shown, come = worked_out("stereo", **state)["p"]
+        assert come == pytest.approx(shown, abs=0.6e-6), state
+    for state in ({}, {"x1": 700, "relief": 300}):
+        shown, come = worked_out("resection", **state)["x_1"]
+        assert come == pytest.approx(shown, rel=1e-4), state
 
 
 def test_points_and_displacements_of_a_tilted_photo_come_out_of_their_formulas__law() -> None:
