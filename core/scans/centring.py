@@ -252,6 +252,8 @@ def centre_by_likeness(
         if sharp is None:
             return Failure("The mark that was shown is an edge that fixes no place.")
         covariance = place_covariance(sharp, (part,))
+        if not np.isfinite(covariance).all():
+            return Failure("Nothing there is like the mark that was shown.")
         found.append(
             Centre(
                 column + half + 0.5 + peak.column,

@@ -9,9 +9,9 @@ from core.doubts import Failure
 from core.geometry.camera import Camera
 from core.raster.scan_file import ScanFile, photo_id_of
 from core.scans.candidates import eighth
+from core.scans.centring import blur_as_scanned, disc_in
 from core.scans.constellation import Constellation, find_constellation
 from core.scans.corner_sets import FOUND_MM, measure_corners
-from core.scans.corners import FINE_MM
 from core.scans.example import ShownMark, example_reduction, layout_like, marks_like, mean_picture
 from core.scans.fiducials import both_ways, found_after_all, quarters_of
 from core.scans.film_area import FilmArea
@@ -24,11 +24,14 @@ from core.scans.judging import (
     judged_set,
     nothing_found,
 )
+from core.scans.marks import draw_mark
 from core.scans.measuring import FittedMark, Spot, TwoWays, fit_mark, open_spots
 from core.scans.naming import SIDES, Layout, OpenLayout
 
 LEAST_COPIES = 3  # design: the median of two is still half the picture beside each
 """Copies of an example from which their mean is taken."""
+LEAST_SEEN = 0.5  # design: a place from half as many slopes is unsure by the root of two
+"""Share of the slopes of an example, in their weakest direction, that must lie in the scan."""
 LEARNT_ROUNDS = 2  # design: the second begins where the picture beside the mark no longer draws
 """How often the mean of the copies is taken anew."""
 
@@ -69,9 +72,6 @@ def measure_like(
     layout = layout_like(camera, shown, area, quarters_of(camera, area))
     best = _alike(scan, layout, pixel_mm, area, shown)
     if isinstance(layout, Layout) or layout.names != tuple(SIDES) or _sure(best, layout):
-        return best
-    if pixel_mm > FINE_MM:
-        # Edges of few pixels are worth less than likeness.
         return best
     corners = measure_corners(scan, camera, pixel_mm, area, shown)
     if isinstance(corners, Failure) or len(corners.marks) < len(best.marks):
@@ -136,7 +136,10 @@ def _measured(scan: ScanFile, found: Constellation, pixel_mm: float) -> Fiducial
         fit = learnt
         results = both_ways(spots, found, fit, pixel_mm)
     results = found_after_all(results, spots, found, (fit,), pixel_mm)
-    results = {name: _inside(scan, one, fit, pixel_mm) for name, one in results.items()}
+    results = {
+        name: _inside(scan, one, spots[name].outward, fit, pixel_mm) if name in spots else one
+        for name, one in results.items()
+    }
     photo_id = photo_id_of(scan.path)
     marks, doubts = judged_set(photo_id, results, results, found.predicted, fit, SHOWN_PX)
     return FiducialSet(tuple(marks), tuple(doubts), found.way, (), (fit,))
@@ -165,13 +168,26 @@ def _learnt(
 
 
 def _inside(
-    scan: ScanFile, one: TwoWays | Failure, fit: FittedMark, pixel_mm: float
+    scan: ScanFile,
+    one: TwoWays | Failure,
+    outward: tuple[float, float],
+    fit: FittedMark,
+    pixel_mm: float,
 ) -> TwoWays | Failure:
-    """A mark; a failure where less than half of it lies in the scan."""
+    """A mark; a failure where less than half of what fixes its place lies in the scan.
+
+    The tip of a notch lies at the edge of the scan, its sides within.
+    """
     if isinstance(one, Failure):
         return one
-    rim = fit.mark.radius_mm / pixel_mm / 2
-    columns, rows = scan.size_px
-    if rim < one.column < columns - rim and rim < one.row < rows - rim:
+    mark = replace(fit.mark, outward=outward, lies=one.lies)
+    drawn = blur_as_scanned(draw_mark(mark, pixel_mm, fit.turn))
+    half = drawn.shape[0] // 2
+    columns, rows = (np.arange(-half, half + 1) + at for at in (one.column, one.row))
+    seen = np.outer(*((at > 0) & (at < size) for at, size in
+                      zip((rows, columns), scan.size_px[::-1], strict=True)))  # fmt: skip
+    slopes = np.stack([np.gradient(drawn, axis=axis) for axis in (1, 0)]) * disc_in(drawn)
+    whole, left = (np.einsum("arc,brc->ab", some, some) for some in (slopes, slopes * seen))
+    if np.linalg.eigvalsh(left)[0] > LEAST_SEEN * np.linalg.eigvalsh(whole)[0]:
         return one
     return Failure("It lies at the edge of the scan.")

@@ -44,7 +44,7 @@ from core.scans.judging import (
     places_of,
     spoilt_by,
 )
-from core.scans.marks import Mark
+from core.scans.marks import NOTCH_NORMALS, Mark
 from core.scans.measuring import (
     FittedMark,
     Spot,
@@ -73,6 +73,8 @@ ELSEWHERE_MM = 0.5  # design: a mark is then outside the crop that is shown
 """A doubt tells another place from this distance on."""
 SQUARE = 0.02  # design: the tolerance of the picture's size
 """Frames whose sides differ by less, as a share, may lie in four ways."""
+GUESSED = (*NOTCH_NORMALS, "dot")
+"""Kinds that much else is like: a tooth is one at its tip and at its foot."""
 HAND_SIGMA_PX = 0.4  # measured: test_fiducials (real), a hand on Wild marks: 13 um RMS of 42
 """What a careful hand can do on a screen."""
 
@@ -140,8 +142,8 @@ def measure_unknown_fiducials(
         return FiducialSet((), (nothing_found(photo_id_of(scan.path), 0),))
     found = _measured(scan, sets, scan_pixel_mm, area)
     doubted = {doubt.evidence["fiducial"] for doubt in found.doubts}
-    dots = [mark for mark in found.marks if mark.kind == "dot" and mark.name not in doubted]
-    unsure = tuple(doubt_of_repeated(photo_id_of(scan.path), mark) for mark in dots)
+    guessed = [one for one in found.marks if one.kind in GUESSED and one.name not in doubted]
+    unsure = tuple(doubt_of_repeated(photo_id_of(scan.path), mark) for mark in guessed)
     return replace(found, doubts=(*found.doubts, *unsure))
 
 
@@ -179,7 +181,9 @@ def renamed(
     doubts: list[Doubt] = []
     for doubt in measured.doubts:
         name = str(doubt.evidence["fiducial"])
-        doubts.append(_renamed(doubt, name, renamed[name] if name in renamed else next(missing)))
+        doubts.append(
+            renamed_doubt(doubt, name, renamed[name] if name in renamed else next(missing))
+        )
     return replace(
         measured, marks=tuple(marks), doubts=tuple(doubts), way=naming.way, rivals=naming.rivals,
         guessed=naming.guessed,
@@ -280,7 +284,7 @@ def _turn_of(
     return small_turn(fit)
 
 
-def _renamed(doubt: Doubt, old: str, new: str) -> Doubt:
+def renamed_doubt(doubt: Doubt, old: str, new: str) -> Doubt:
     """The same doubt about the mark under its other name."""
     if old == new:
         return doubt

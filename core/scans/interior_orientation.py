@@ -14,9 +14,9 @@ from core.geometry.interior import InteriorOrientation, nominal_interior
 from core.raster.scan_file import ScanFile, UsableArea, check_fits_camera, open_scan, photo_id_of
 from core.raster.stand_in import is_stand_in
 from core.said import say
+from core.scans.certified import measure_certified
 from core.scans.fiducials import (
     fiducials_by_hand,
-    measure_fiducials,
     measure_unknown_fiducials,
     renamed,
 )
@@ -39,7 +39,7 @@ from core.scans.judging import (
 )
 from core.scans.naming import UPRIGHT, Way, ways_of_strip
 from core.scans.photo_mask import find_usable_area, with_drawn
-from core.scans.repeated import with_repeated
+from core.scans.repeated import firm_marks, with_repeated
 from core.scans.scan_pairs import Look, look_of
 from core.scans.without_picture import interior_without_picture, nothing_usable
 
@@ -217,9 +217,9 @@ def _by_certificate(
 ) -> ScanOrientation:
     """The scan of a camera whose marks are certified."""
     photo_id = photo_id_of(scan.path)
-    measured = fiducials_by_hand(photo_id, camera, by_hand)
+    measured, others = fiducials_by_hand(photo_id, camera, by_hand), FiducialSet((), ())
     if not measured.marks:
-        measured = measure_fiducials(scan, camera, pixel_mm, area)
+        measured, others = measure_certified(scan, camera, pixel_mm, area)
     fitted = interior_of(measured.marks, camera.fiducials_mm, measured.way[1])
     if isinstance(fitted, InteriorOrientation):
         column, row = fitted.pixel_from_film(np.zeros((1, 2)))[0].tolist()
@@ -235,7 +235,7 @@ def _by_certificate(
     if isinstance(fitted, Failure):
         interior = _nominal(scan, camera, pixel_mm, area)
         doubts += (_nominal_doubt(photo_id, area, fitted.reason, UNEXPECTED),)
-        doubts += _of_another_camera(scan, camera, pixel_mm, area)
+        doubts += _of_another_camera(photo_id, camera, pixel_mm, firm_marks(others))
     else:
         interior = fitted
         doubts += doubts_of_fit(photo_id, interior, marks, pixel_mm)
@@ -246,28 +246,24 @@ def _by_certificate(
 
 
 def _of_another_camera(
-    scan: ScanFile,
-    camera: Camera,
-    pixel_mm: float,
-    area: FilmArea,
+    photo_id: str, camera: Camera, pixel_mm: float, others: Sequence[FiducialMeasurement]
 ) -> tuple[Doubt, ...]:
     """A word about marks that are there, but not where this camera has them."""
-    other = measure_unknown_fiducials(scan, camera, pixel_mm, area)
-    if len(other.marks) < 3:
+    if len(others) < 3:
         return ()
-    middle = places_of(other.marks).mean(axis=0)
+    middle = places_of(others).mean(axis=0)
     places = {
         mark.name: (
             round(float(mark.column - middle[0]) * pixel_mm, 2),
             round(float(middle[1] - mark.row) * pixel_mm, 2),
         )
-        for mark in other.marks
+        for mark in others
     }
     told = ", ".join(f"{name} ({x:+.1f}, {y:+.1f})" for name, (x, y) in places.items())
     return (
         Doubt(
             "fiducials-of-another-camera",
-            photo_id_of(scan.path),
+            photo_id,
             say(
                 "There are marks, but not those of camera '{name}': {told} mm from their "
                 "middle. Give this scan its own camera in [[scans.override]], or correct "
@@ -275,7 +271,7 @@ def _of_another_camera(
                 name=camera.name,
                 told=told,
             ),
-            evidence={"places_mm": places, "kind": other.marks[0].kind},
+            evidence={"places_mm": places, "kind": others[0].kind},
         ),
     )
 

@@ -35,7 +35,7 @@ from core.scans.copies import mark_shown_at, measure_like
 from core.scans.corner_sets import FOUND_MM, LEAST_MARKS, frame_windows, measure_corners
 from core.scans.corners import FINE_MM
 from core.scans.example import SYMMETRIC_FROM, ShownMark
-from core.scans.fiducials import measure_unknown_fiducials
+from core.scans.fiducials import GUESSED, measure_unknown_fiducials
 from core.scans.film_area import FilmArea
 from core.scans.judging import (
     LIMIT_PX,
@@ -45,12 +45,10 @@ from core.scans.judging import (
     FiducialSet,
     doubt_of_repeated,
 )
-from core.scans.marks import EXAMPLE, NOTCH_NORMALS, Mark
+from core.scans.marks import EXAMPLE, Mark
 from core.scans.naming import GROUPS, Group
 
 Field = Float32[np.ndarray, "rows columns"]
-GUESSED = (*NOTCH_NORMALS, "dot")
-"""Kinds that much else is like."""
 FIGURE_MM, AROUND_MM = 0.8, 1.8  # design: the middle size of marks, and of what they stand out of
 """Radius of a figure, and of the surroundings that it stands out of."""
 FIGURES = 12  # design: writing and dirt stand out too; of four places one shows the mark well
@@ -112,7 +110,7 @@ def with_repeated(
         if (enough or len(own) >= LEAST_MARKS) and not guessed:
             continue
         others = _without(known, places)
-        firm = _firm(others)
+        firm = firm_marks(others)
         seen = len(own) >= LEAST_MARKS
         offered = _offered(scan, camera, pixel_mm, area, group, firm, corners_only=seen)
         dim = () if seen else _dim(scan, camera, pixel_mm, area, group, kinds)
@@ -188,7 +186,7 @@ def _holds(copies: FiducialSet, corners: FiducialSet, pixel_mm: float) -> bool:
     return len(at) > len(apart) and max(apart) < FOUND_MM
 
 
-def _firm(known: FiducialSet) -> tuple[FiducialMeasurement, ...]:
+def firm_marks(known: FiducialSet) -> tuple[FiducialMeasurement, ...]:
     """Marks that tell where others lie: not those of which it is doubted that they are marks."""
     kinds = {mark.name: mark.kind for mark in known.marks}
     names = {str(doubt.evidence.get("fiducial")): doubt for doubt in known.doubts}

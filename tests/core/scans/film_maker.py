@@ -57,6 +57,9 @@ def unlisted(kind: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     if kind == "key":
         shaft = (x > 0) & (x < 1.1) & (np.abs(y) < 0.12)
         return (np.hypot(x, y) < 0.35) | shaft | (np.hypot(x - 1, y) < 0.2)
+    if kind == "chevrons":
+        beside = np.abs(np.abs(x) - 0.4 - np.sign(x) * y / 2)
+        return (beside < 0.12) & (np.abs(y) < 0.7)
     if kind == "star":
         return np.hypot(x, y) < 0.35 + 0.5 * np.cos(3 * np.arctan2(y, x)) ** 2
     raise AssertionError(kind)

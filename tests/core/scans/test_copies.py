@@ -98,6 +98,33 @@ def test_a_notch_in_strong_texture_is_right_or_doubted__truth(films: Films, kind
     assert all(value < 1.0 or value < 3 * np.sqrt(2) * sigmas[name] for name, value in off.items())
 
 
+def test_a_tip_at_the_edge_of_the_scan_stands_by_its_sides__truth(tmp_path: Path) -> None:
+    film = Film(fiducials={}, turn_deg=0.0)
+    make_film(tmp_path / "film.tif", film, 1)
+    gray = cv2.imread(str(tmp_path / "film.tif"), cv2.IMREAD_GRAYSCALE)
+    assert gray is not None
+    certified = {name: (31.2 * x, 31.2 * y) for name, (x, y) in SIDES_MM.items()}
+    camera = replace(CAMERA, fiducials_mm=certified)
+    matrix, truth = film_from_pixel(film, gray.shape[0]), {}
+    for name, (x, y) in SIDES_MM.items():
+        out, along = np.array([x, y]), np.array([-y, x])
+        tooth = np.array([31.2 * out, 29 * out + 1.3 * along, 29 * out - 1.3 * along])
+        at = np.linalg.solve(matrix[:, :2], (tooth - matrix[:, 2]).T).T
+        cv2.fillPoly(gray, [np.rint((at - 0.5) * 16).astype(np.int32)], 200, cv2.LINE_AA, 4)
+        truth[name] = at[0]
+    first = int(truth["T"][1]) - 3
+    write_gray(tmp_path / "cut.tif", gray[first:])
+    there = {name: (float(at[0]), float(at[1]) - first) for name, at in truth.items()}
+    found = copies(tmp_path / "cut.tif", {"L": there["L"], **there}, camera)
+    marks = {mark.name: mark for mark in found.marks}
+    assert np.hypot(*np.subtract(marks["T"].place, there["T"])) < 1
+    # Where it is cut at its foot too little is left.
+    write_gray(tmp_path / "cut.tif", gray[first + 30 :])
+    there = {name: (column, row - 30) for name, (column, row) in there.items()}
+    found = copies(tmp_path / "cut.tif", {"L": there["L"], **there}, camera)
+    assert "T" not in {mark.name for mark in found.marks}
+
+
 def test_what_stands_nowhere_else_is_not_found__truth(tmp_path: Path) -> None:
     """Of one mark alone there are no copies, and no landscape is taken for them."""
     for seed in range(2):
