@@ -143,6 +143,10 @@ def _offered(
     places = len(GROUPS[group])
     for shown in () if corners_only else repeated_marks(scan, camera, pixel_mm, area, group):
         copies = measure_like(scan, camera, pixel_mm, area, shown)
+        # Nobody said that it is a mark: cut off by the scan it does not tell.
+        rim_px = FIGURE_MM / 2 / pixel_mm
+        inside = tuple(one for one in copies.marks if _lies_in(scan, one.place, rim_px))
+        copies = replace(copies, marks=inside)
         if not _whole(copies, places):
             continue
         if group == "corners" or (_surely(copies) and len(copies.marks) == places):
