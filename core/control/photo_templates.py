@@ -5,7 +5,7 @@ scans, so a place measured in one photo is a template for all others. Least squa
 finds what the plane did not model.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
@@ -297,9 +297,9 @@ def finely(source: Source, target: Shown) -> FinePlace | None:
         target: Where it lies to a pixel or two.
     """
     places: list[FinePlace] = []
-    start = target
+    start, templates = target, _templates(source, target)
     for size in SIZES:
-        found = _refined(source, start, size)
+        found = _refined(templates, start, size)
         if found is None or np.hypot(*(found.pixel - target.pixel)[0]) > MOST_SHIFT_PX:
             continue
         if all(found.sigma_px < other.sigma_px for other in places):
@@ -327,9 +327,9 @@ def peak_sigma_px(source: Source, target: Shown) -> float:
         source: Where the place is measured.
         target: Where its peak lies.
     """
-    sigmas = [np.inf]
+    sigmas, templates = [np.inf], _templates(source, target)
     for size in SIZES:
-        pair = _patches(source, target, size)
+        pair = _patches(templates, target, size)
         if pair is not None:
             start = np.column_stack([np.eye(2), (target.pixel - pair.middle)[0]])
             sigmas.append(_sigma_px(pair, start))
@@ -350,9 +350,17 @@ class _Patches:
     """So much of both is photograph."""
 
 
-def _patches(source: Source, target: Shown, size: PatchSize) -> _Patches | None:
+def _templates(source: Source, target: Shown) -> Mapping[int, Template]:
+    """By radius; they are the same wherever in the target the place is sought."""
+    return {
+        radius: template_of(source, target, radius, 1)
+        for radius in {size.radius_px for size in SIZES}
+    }
+
+
+def _patches(templates: Mapping[int, Template], target: Shown, size: PatchSize) -> _Patches | None:
     """Patches of a size, or of what of it is photograph; None where that is too little."""
-    fixed = template_of(source, target, size.radius_px, 1)
+    fixed = templates[size.radius_px]
     wide = size.searched_radius_px
     left, top = (np.floor(target.pixel[0]).astype(np.int64) - wide).tolist()
     part = target.read(Window(left, top, 2 * wide + 1, 2 * wide + 1, 1))
@@ -379,9 +387,9 @@ def _whole(usable: Mask) -> int:
     return int(away.min()) - 1 if len(away) else half
 
 
-def _refined(source: Source, target: Shown, size: PatchSize) -> FinePlace | None:
+def _refined(templates: Mapping[int, Template], target: Shown, size: PatchSize) -> FinePlace | None:
     """With patches of one size; None where they do not agree."""
-    pair = _patches(source, target, size)
+    pair = _patches(templates, target, size)
     if pair is None:
         return None
     start = np.column_stack([np.eye(2), (target.pixel - pair.middle)[0]])

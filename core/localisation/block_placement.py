@@ -268,12 +268,20 @@ def refined_turn(laid: Laid, backdrop: Backdrop, turn: Turn, step: float) -> Tur
     # design: what a coarse pixel or two may hide, in fine pixels.
     level = Level(laid, backdrop, turn, 12 * laid.grid.ground_sample_distance_m)
     best: Turn | None = None
+    tried: set[tuple[int, int]] = set()
     for width in (step, step, step / 2):
         begin = best or turn
         around = product((-width, 0.0, width), (-width, 0.0, width))
         trials = [(begin.kappa + kappa, begin.scale * (1 + scale)) for kappa, scale in around]
-        found = level.search(trials)
-        best = max([*found, *([best] if best else [])], key=lambda peak: peak.score, default=None)
+        # What was tried about another middle is no better than the best of it.
+        places = [
+            (round(2 * (kappa - turn.kappa) / step), round(2 * np.log(scale / turn.scale) / step))
+            for kappa, scale in trials
+        ]
+        new = [trial for trial, place in zip(trials, places, strict=True) if place not in tried]
+        tried |= set(places)
+        found = level.search(new)
+        best = max([*([best] if best else []), *found], key=lambda peak: peak.score, default=None)
     return best or turn
 
 

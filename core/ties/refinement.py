@@ -349,19 +349,27 @@ def _sampled(
     """Grey values of patches at bent grids, by cubic convolution; the edge is held outside."""
     side = patches.shape[1]
     place = grid @ np.swapaxes(bent[:, :, :2], 1, 2) + bent[:, None, :, 2] + side // 2
+    # A place that is none counts as the edge.
+    np.fmax(place, 1.0, out=place)
     # design: the last place that still has two neighbours on its right, and a little
-    place = np.clip(np.nan_to_num(place), 1.0, side - 2.001)
-    whole = np.floor(place).astype(np.int64)
+    np.minimum(place, side - 2.001, out=place)
+    whole = place.astype(np.int64)
     part = (place - whole).astype(np.float32)
     across, down = _cubic(part[..., 0]), _cubic(part[..., 1])
     index = np.arange(len(patches))[:, None] * side * side + whole[..., 1] * side + whole[..., 0]
+    # The first of sixteen neighbours: the others lie so far behind it, the same for all places.
+    index -= side + 1
     flat = patches.reshape(-1)
     total = np.zeros(index.shape, dtype=np.float32)
+    line, value = np.empty_like(total), np.empty_like(total)
     for j in range(4):
-        line = np.zeros(index.shape, dtype=np.float32)
+        line[...] = 0
         for i in range(4):
-            line += across[i] * flat[np.minimum(index + (j - 1) * side + i - 1, len(flat) - 1)]
-        total += down[j] * line
+            np.take(flat[j * side + i :], index, out=value, mode="clip")
+            value *= across[i]
+            line += value
+        line *= down[j]
+        total += line
     return total
 
 

@@ -67,21 +67,26 @@ def rendered_block(folder: Path, relief_m: float, noise: float = 10.0, seed: int
 
 def rendered(photo: Photo, texture: np.ndarray, relief_m: float) -> np.ndarray:
     """Grey values of a photo, each from the ground its middle sees."""
-    low, high = (lines_of_sight(photo, height) for height in (0.0, 200.0))
-    heights = np.full(low.shape[:2], 100.0)
-    for _ in range(12):
-        ground = low + (high - low) * heights[..., None] / 200.0
-        heights = terrain(ground[..., 0], ground[..., 1], relief_m)
-    place = (ground / CELL_M - 0.5).astype(np.float32)
+    place = (ground_seen(photo, relief_m) / CELL_M - 0.5).astype(np.float32)
     return cv2.remap(texture, place[..., 0], texture.shape[0] - 1 - place[..., 1], cv2.INTER_CUBIC)
 
 
-def lines_of_sight(photo: Photo, height: float, step: int = 6) -> np.ndarray:
-    """Where the middle of each pixel sees a level plane (rows, columns, 2), from a coarse grid."""
+def ground_seen(photo: Photo, relief_m: float, step: int = 6) -> np.ndarray:
+    """Where the middle of each pixel sees the ground (rows, columns, 2), from a coarse grid.
+
+    Between its nodes the ground bends by a centimetre.
+    """
     nodes = [np.arange(0.0, side + step, step) for side in SIZE_PX]
     grid = np.stack(np.meshgrid(*nodes), axis=-1)
     pixels = grid.reshape(-1, 2)
-    ground = photo.object_from_pixel(pixels, np.full(len(pixels), height), CAMERA)[:, :2]
+    low, high = (
+        photo.object_from_pixel(pixels, np.full(len(pixels), height), CAMERA)[:, :2]
+        for height in (0.0, 200.0)
+    )
+    heights = np.full(len(pixels), 100.0)
+    for _ in range(12):
+        ground = low + (high - low) * heights[:, None] / 200.0
+        heights = terrain(ground[:, 0], ground[:, 1], relief_m)
     ground = ground.reshape(grid.shape)
     row, column = ((np.arange(side) + 0.5) / step for side in SIZE_PX[::-1])
     where = np.meshgrid(row, column, indexing="ij")
