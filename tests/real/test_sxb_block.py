@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
 from sessions.decisions import Place
 from sessions.session import Session
@@ -76,8 +76,21 @@ def measure(data: Path, folder: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def report(shared_data: Path, tmp_path_factory: pytest.TempPathFactory):
+def unmeasured(
+    shared_data: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, AdjustmentReport]:
+    """The block as its rough centres hold it, before anybody measured anything."""
     folder = sxb_block(shared_data, tmp_path_factory.mktemp("sxb") / "block")
+    told = run_alone("run", folder, "--until", "control")
+    assert told.code == 0, told.err
+    with Session.open(folder, "test") as session:
+        return folder, session.products.latest_value("control").report
+
+
+@pytest.fixture(scope="module")
+def report(shared_data: Path, unmeasured: tuple[Path, AdjustmentReport]) -> AdjustmentReport:
+    """The same block with all its points measured: scans and ties are at hand."""
+    folder, _ = unmeasured
     measure(shared_data, folder)
     told = run_alone("run", folder, "--until", "adjustment")
     assert told.code == 0, told.err
@@ -86,15 +99,11 @@ def report(shared_data: Path, tmp_path_factory: pytest.TempPathFactory):
 
 
 def test_rough_centres_alone_hold_the_block_where_it_is__real(
-    shared_data: Path, tmp_path: Path
+    shared_data: Path, unmeasured: tuple[Path, AdjustmentReport]
 ) -> None:
     """A block of two strips turns about them by degrees until its ties agree: damped steps crept
     for hundreds of rounds, 18 m beside the end, and every expected place went along."""
-    folder = sxb_block(shared_data, tmp_path / "block")
-    told = run_alone("run", folder, "--until", "control")
-    assert told.code == 0, told.err
-    with Session.open(folder, "test") as session:
-        report = session.products.latest_value("control").report
+    _, report = unmeasured
     assert report.converged
     held = AdjustmentOptions(estimate_cameras=False, robust=False)
     published = adjust_block(read_sxb(shared_data / SXB), held).block.photos

@@ -41,7 +41,7 @@ def uncertified(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Sca
 def test_marks_without_certificate_follow_from_all_photos__truth(
     uncertified: Callable[[int], ScanOrientation],
 ) -> None:
-    oriented = {one.photo_id: one for one in map(uncertified, range(3))}
+    oriented = {one.photo_id: one for one in map(uncertified, range(2))}
     family = settle_family(oriented, CAMERA, dict.fromkeys(oriented, 0.04))
     assert [doubt.kind for doubt in family.doubts] == ["fiducials-estimated"]
     places = np.array([family.camera.fiducials_mm[name] for name in ("UL", "UR", "LR", "LL")])
