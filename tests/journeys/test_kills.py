@@ -18,7 +18,7 @@ from core.synthetic.truth import read_truth
 from sessions.decisions import Accept, Recorded, Reject, Withdraw
 from sessions.session import Session
 from tests.forked import Forked
-from tests.journeys.copies import BlockCopy, copied, nearly_placed, started
+from tests.journeys.copies import BlockCopy, copied, nearly_placed, run_alone
 
 SCANS = 2
 KILLS_A_STAGE = 1
@@ -76,10 +76,9 @@ def outcome(tiny_block: Path, tmp_path_factory: pytest.TempPathFactory) -> Outco
 
 def finished(copy: BlockCopy, *arguments: str) -> dict[str, float]:
     """A run that is left alone; seconds of each stage."""
-    process = started("--log-json", "run", copy.folder, *arguments)
-    out, err = process.communicate(timeout=600)
-    assert (process.returncode, err) == (0, "")
-    events = [json.loads(line) for line in out.splitlines()]
+    told = run_alone("--log-json", "run", copy.folder, *arguments)
+    assert (told.code, told.err) == (0, "")
+    events = [json.loads(line) for line in told.out.splitlines()]
     return {event["stage"]: event["seconds"] for event in events if event["event"] == "done"}
 
 
