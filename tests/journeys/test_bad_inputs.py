@@ -6,13 +6,11 @@ Each goes through the command line itself, on a copy of one synthetic block.
 import json
 import re
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from core.synthetic.truth import read_truth
-from tests.journeys.copies import BlockCopy, gruber, nearly_placed
+from tests.journeys.copies import BlockCopy, gruber
 from tests.journeys.spoiling import (
     Axes,
     add_line,
@@ -405,10 +403,9 @@ def test_an_eo_list_of_other_scans_is_a_doubt__truth(copy_of: CopyOf, capsys: Ca
 
 
 def test_a_reference_that_shows_nothing_is_told_of_the_photos__truth(
-    tiny_block: Path, copy_of: CopyOf, capsys: Capsys
+    copy_of: CopyOf, capsys: Capsys
 ) -> None:
     copy = copy_of(1)
-    nearly_placed(copy, read_truth(tiny_block))
     flat_ortho(copy)
     told = gruber(capsys, "run", copy.folder)
     told.refuses(copy.scans[0], "does not stand on the reference ortho", "Check that ortho")

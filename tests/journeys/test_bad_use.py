@@ -194,7 +194,7 @@ def test_ctrl_c_ends_at_once_and_the_next_run_goes_on__law(
     process = started("--log-json", "run", copy.folder)
     assert process.stdout is not None
     for line in process.stdout:
-        if json.loads(line) == {"event": "stage", "stage": "localisation"}:
+        if json.loads(line) == {"event": "stage", "stage": "ties"}:
             break
     # Meanwhile nobody else may run the same block.
     told = gruber(capsys, "run", copy.folder)
@@ -204,9 +204,9 @@ def test_ctrl_c_ends_at_once_and_the_next_run_goes_on__law(
     assert process.returncode == 130
     assert err == f"gruber: {words()['terminal.cancelled.stages']}\n"
     assert not left_over(copy)
-    told = gruber(capsys, "run", copy.folder, "--until", "localisation")
+    told = gruber(capsys, "run", copy.folder, "--until", "ties")
     assert told.code == 0
-    assert told.out.count("(as before)") == 3
+    assert told.out.count("(as before)") == 4
 
 
 def left_over(copy: BlockCopy) -> list[Path]:

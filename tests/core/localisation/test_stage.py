@@ -35,9 +35,7 @@ def test_photos_that_are_off_are_found_and_again_where_they_were_put__truth(
     poor = replace(placed, block=placed.block.with_photos(photos), approximations=known)
     scans = {name: scan.scan for name, scan in scan_set.oriented.items()}
     features = find_reference_points(poor.block, scans, given.reference, 0.35, work=Work())
-    # A fraction of the time: the place is found in that, and in all of it.
-    few = replace(given.localisation.placement, most_work=3e7, candidates=8, near_candidates=4)
-    options = replace(given.localisation, placement=few)
+    options = given.localisation
     found = localise_photos(poor, scans, features, given.reference, options, Work())
     ground = judge_orientations(tiny.truth, found.block).ground_m
     assert all(photo.oriented for photo in found.block.photos.values())
