@@ -1,5 +1,7 @@
 """Image coordinates: refraction, Earth curvature and lens move an image point along its radius."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from app.lessons import sheet
@@ -11,70 +13,79 @@ from core.geometry.image_corrections import curvature_um, photo_scale, refractio
 
 TABLE_MM = 129.0
 """Radius that all rows of table 4.2 fit, which names none."""
+LOOKS: dict[str, sheet.Look] = {"refraction": "estimate", "curvature": "bad", "lens": "second"}
 GRID = np.linspace(-0.9 * HALF_MM, 0.9 * HALF_MM, 7)
 
 
-def moves_um(radius_mm: Scalars, state: sheet.State) -> tuple[Scalars, Scalars, Scalars]:
-    """Refraction and lens outwards, curvature inwards, micrometres."""
-    above = state["H"] - state["h"]
-    if above <= 0:
-        raise ArithmeticError("an aircraft below the ground takes no photo")
-    refraction = refraction_um(radius_mm, state["c"], refraction_constant(state["H"], state["h"]))
+def moves_um(radius_mm: Scalars, state: sheet.State) -> dict[str, Scalars]:
+    """Refraction and lens outwards, curvature inwards, micrometres; below the ground the lens."""
     k1 = state["lens"] / 1000 / 100.0**3
     lens = radius_mm * (radial_factor(radius_mm**2, camera_with(state["c"], k1)) - 1) * 1000
-    return refraction, -curvature_um(radius_mm, state["c"], above), lens
+    above = state["H"] - state["h"]
+    if above <= 0:
+        return {"lens": lens}
+    refraction = refraction_um(radius_mm, state["c"], refraction_constant(state["H"], state["h"]))
+    earth = -curvature_um(radius_mm, state["c"], above)
+    return {"refraction": refraction, "curvature": earth, "lens": lens}
 
 
 def view(state: sheet.State) -> sheet.View:
     """Three curves over the radius, and their sum as arrows on the film."""
     radii = np.linspace(0, 160, 41)
     parts = moves_um(radii, state)
-    here = [float(part[0]) for part in moves_um(np.array([state["r"]]), state)]
-    total = sum(here)
+    here = {name: float(p[0]) for name, p in moves_um(np.array([state["r"]]), state).items()}
+    total = sum(here.values())
     x, y = (axis.ravel() for axis in np.meshgrid(GRID, GRID))
     away = np.hypot(x, y)
-    sums = np.sum(moves_um(away, state), axis=0)
+    sums = np.sum(list(moves_um(away, state).values()), axis=0)
     share = state["times"] * sums / 1000 / np.maximum(away, 1e-9)
     arrows = [
         sheet.shape("arrow", [(a, b), (a * (1 + s), b * (1 + s))], "bad" if s < 0 else "estimate")
         for a, b, s in zip(x, y, share, strict=True)
     ]
-    edge = 1.12 * HALF_MM
-    turn = np.linspace(0, 2 * np.pi, 73)
-    ring = state["r"] * np.column_stack([np.cos(turn), np.sin(turn)])
-    film = sheet.Canvas(
-        "film",
-        (-edge, -edge, edge, edge),
-        (
-            sheet.shape("area", sheet.frame_of(HALF_MM), "film"),
-            *arrows,
-            sheet.shape("line", ring, "axis", "radius"),
-            sheet.shape("crosses", [(0, 0)], "axis", "point"),
-        ),
-        "mm",
-    )
-    names = ("refraction", "curvature", "lens")
-    looks: tuple[sheet.Look, ...] = ("estimate", "bad", "second")
-    curves = [sheet.curve(n, radii, p, w) for n, p, w in zip(names, parts, looks, strict=True)]
-    curves.append(sheet.curve("sum", radii, sum(parts), "given"))
+    curves = [sheet.curve(name, radii, part, LOOKS[name]) for name, part in parts.items()]
+    plot = sheet.Plot("r", "moves", tuple(curves), (state["r"], total))
+    figures = {name: sheet.Number(value, 1, "µm") for name, value in here.items()}
+    canvases, symbols = (film(state, arrows),), heights(state)
+    if "curvature" not in figures:
+        return sheet.View(figures, canvases, symbols, plot, warning="below")
+    whole = sheet.curve("sum", radii, np.sum(list(parts.values()), axis=0), "given")
+    plot = replace(plot, curves=(*curves, whole))
     scale = photo_scale(state["c"], state["H"], state["h"])
-    figures = {name: sheet.Number(value, 1, "µm") for name, value in zip(names, here, strict=True)}
     figures |= {
         "sum": sheet.Number(total, 1, "µm"),
         "ground": sheet.Number(total / 1e6 / scale, 2, "m"),
         "scale": sheet.Number(1 / scale, 0),
     }
-    symbols = {
+    symbols |= {
         "Δr_e": figures["curvature"],
-        "H": sheet.Number(state["H"] / 1000, 1, "km"),
-        "h": sheet.Number(state["h"] / 1000, 2, "km"),
-        "R": sheet.Number(EARTH_RADIUS_M / 1000, 0, "km"),
         "K": sheet.Number(1e6 * refraction_constant(state["H"], state["h"]), 1, "·10⁻⁶"),
         "Δr_a": figures["refraction"],
     }
-    return sheet.View(
-        figures, (film,), symbols, sheet.Plot("r", "moves", tuple(curves), (state["r"], total))
+    return sheet.View(figures, canvases, symbols, plot)
+
+
+def heights(state: sheet.State) -> dict[str, sheet.Number]:
+    """What the formulas have in kilometres."""
+    return {
+        "H": sheet.Number(state["H"] / 1000, 1, "km"),
+        "h": sheet.Number(state["h"] / 1000, 2, "km"),
+        "R": sheet.Number(EARTH_RADIUS_M / 1000, 0, "km"),
+    }
+
+
+def film(state: sheet.State, arrows: list[sheet.Shape]) -> sheet.Canvas:
+    """The frame with what moves its points, and the radius that the figures are told for."""
+    edge = 1.12 * HALF_MM
+    turn = np.linspace(0, 2 * np.pi, 73)
+    ring = state["r"] * np.column_stack([np.cos(turn), np.sin(turn)])
+    shapes = (
+        sheet.shape("area", sheet.frame_of(HALF_MM), "film"),
+        *arrows,
+        sheet.shape("line", ring, "axis", "radius"),
+        sheet.shape("crosses", [(0, 0)], "axis", "point"),
     )
+    return sheet.Canvas("film", (-edge, -edge, edge, edge), shapes, "mm")
 
 
 def ask_curvature(rng: np.random.Generator) -> sheet.Asked:

@@ -2,6 +2,7 @@
 
 import csv
 import re
+from dataclasses import replace
 from urllib.parse import urlencode
 
 import pytest
@@ -269,6 +270,39 @@ def test_the_truth_is_shown_on_demand_and_a_link_keeps_the_state__law(learn, les
     page.goto(page.url)
     page.wait_for_selector("[data-figure=height] em")
     assert page.evaluate("gruber.state.values.B") == 1200
+
+
+def test_what_no_longer_holds_is_greyed_and_said_in_the_place_of_the_figures__law(sit_at):
+    """A state without a picture, come to by a slider and by a link, and left again."""
+    relief = LESSONS["relief"]
+
+    def view(state):
+        return relief.view(state | {"H": 1 / (state["h"] - 5) * 0 + state["H"]})
+
+    found = {"relief": replace(relief, view=view), "stereo": LESSONS["stereo"]}
+    with open_teaching(found, "127.0.0.1", 0) as opened:
+        page = sit_at(f"{opened.url}&lesson=relief", scene=False, ready=READY)
+        said = page.locator("#figures [role=alert]")
+        assert relief.sliders[0].low <= 5
+        for leave in ("slider", "lesson"):
+            page.locator("#slider-h").fill("5")
+            said.wait_for()
+            assert said.inner_text().startswith("Relief displacement: a tower leans outwards:")
+            assert page.locator("#figures b").count() == 0
+            for room in ("#drawings", "#below"):
+                assert page.locator(room).evaluate("e => getComputedStyle(e).opacity < 0.5")
+            if leave == "slider":
+                page.locator("#slider-h").fill("20")
+            else:
+                page.click("[data-lesson=stereo]")
+            page.wait_for_selector(READY)
+            assert said.count() == page.locator("[data-stale]").count() == 0
+            assert page.locator(".notice").count() == 0
+        page.goto(f"{opened.url}&lesson=relief&h=5")
+        said.wait_for()
+        page.locator("#slider-h").fill("20")
+        page.wait_for_selector(READY)
+        assert page.locator("#drawings svg *").count() > 3
 
 
 def test_two_students_have_a_state_each__law(learn):

@@ -1,5 +1,7 @@
 """Every lesson over the whole range of its sliders, and its figures beside the engine's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -426,10 +428,13 @@ def test_unchanged_ground_is_found_by_all_and_changed_ground_by_edges__truth() -
     assert hits(3, 100) > hits(1, 100)
 
 
-def test_a_photo_below_the_ground_is_refused_in_words__law() -> None:
-    teacher = Teacher(LESSONS)
+def test_a_state_without_a_picture_is_refused_in_words__law() -> None:
+    def view(state: sheet.State) -> sheet.View:
+        raise ZeroDivisionError(str(state))
+
+    teacher = Teacher({"relief": replace(LESSONS["relief"], view=view)})
     with pytest.raises(LessonError, match="shows nothing with these values"):
-        teacher.view("corrections", {"H": 1000, "h": 1500}, truth=False)
+        teacher.view("relief", {}, truth=False)
 
 
 @pytest.mark.parametrize("seed", range(1, 6))

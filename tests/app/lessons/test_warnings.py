@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.lessons import resection, stereo, tilt
+from app.lessons import corrections, resection, stereo, tilt
 from app.lessons.photo import HALF_MM
 from app.lessons.sheet import Lesson, View
 
@@ -28,6 +28,17 @@ def test_a_base_that_no_film_covers_is_warned_of__law() -> None:
     # The curve goes as far as the place on it that is marked.
     assert wide.plot is not None
     assert wide.plot.curves[0].points[-1][0] == pytest.approx(3000 / 600)
+
+
+def test_ground_above_the_aircraft_leaves_the_lens_alone__law() -> None:
+    for height, ground in ((600, 600), (600, 2000)):
+        view = shown(corrections.LESSON, H=height, h=ground, lens=12, r=100)
+        assert view.warning == "below"
+        assert {name: one.value for name, one in view.figures.items()} == pytest.approx(
+            {"lens": 12}
+        )
+        assert not {"K", "Δr_a", "Δr_e"} & set(view.symbols)
+    assert shown(corrections.LESSON, H=700, h=600).warning == ""
 
 
 def test_the_scale_number_grows_towards_the_horizon__law() -> None:

@@ -16,6 +16,7 @@ export function drawPlot(room, plot, text) {
   if (!plot) return room.replaceChildren();
   const { width, height } = room.getBoundingClientRect();
   const all = plot.curves.flatMap(({ points }) => points).concat(plot.at ? [plot.at] : []);
+  room.replaceChildren();
   if (width < 120 || height < 90 || !all.length) return undefined;
   const across = rangeOf(all.map(([x]) => x), false);
   const up = rangeOf(all.map(([, y]) => y), true);
@@ -94,7 +95,9 @@ function rangeOf(values, nought) {
   const room = nought ? 0.06 * (high - low) : 0;
   const least = low < 0 ? low - room : low;
   const most = high > 0 ? high + room : high;
-  return { low: least, high: most, size: Math.max(most - least, 1e-12) };
+  // What is nought everywhere has an axis all the same.
+  return most > least ? { low: least, high: most, size: most - least }
+    : { low: least, high: least + 1, size: 1 };
 }
 
 /** From one round value to the next. @param {number} size */

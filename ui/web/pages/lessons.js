@@ -1,6 +1,6 @@
 // The page of lessons: a lesson is chosen, its sliders are moved, its question is answered.
 import {
-  all, byId, element, fillWords, first, number, numberOf, start, turn, word, written,
+  again, all, byId, element, fillWords, first, number, numberOf, start, turn, word, written,
 } from "./words.js";
 import { post, tell } from "./run.js";
 import { takeSeat } from "./wire.js";
@@ -63,6 +63,7 @@ const lessonOf = (name) => /** @type {Lesson} */ (state.lessons.find((one) => on
 
 /** @param {Lesson} lesson @param {URLSearchParams | null} asked a link's values */
 function choose(lesson, asked) {
+  byId("lesson").removeAttribute("data-stale");
   Object.assign(state, { lesson, view: null, show: null, truth: asked?.get("truth") === "1" });
   state.values = Object.fromEntries(lesson.sliders.map(({ name, start: opening, low, high }) => {
     const given = Number(asked?.get(name) ?? NaN);
@@ -74,8 +75,7 @@ function choose(lesson, asked) {
   document.title = `${text("title")} \u2013 Gruber`;
   byId("about").replaceChildren(element("h1", {}, text("title")),
     element("p", {}, text("idea")), element("p", { class: "try" }, text("try")));
-  byId("drawings").replaceChildren();
-  byId("figures").replaceChildren();
+  for (const room of ["drawings", "formulas", "plot", "figures"]) byId(room).replaceChildren();
   showSliders();
   showQuestion(byId("question"), lesson, text, () => state.values);
   refresh();
@@ -208,24 +208,33 @@ async function askNewest() {
     state.again = false;
     const [began, { lesson }] = [performance.now(), state];
     const answer = await post(`/lesson/${lesson.name}`,
-      { state: state.values, truth: state.truth }).catch(() => ({ error: "teach.lost" }));
-    if (answer.error) {
-      return tell(answer.error === "teach.lost" ? word("teach.lost") : answer.error, true);
-    }
-    if (lesson === state.lesson) {
+      { state: state.values, truth: state.truth });
+    if (lesson === state.lesson && answer.error) showFault(answer.error);
+    else if (lesson === state.lesson) {
       // A step may have another number of drawings than the one before.
       if (state.view?.canvases.length !== answer.canvases.length) state.show = null;
       state.view = answer;
+      byId("lesson").removeAttribute("data-stale");
       show();
       state.waits.push(performance.now() - began);
     }
   }
-  return undefined;
+}
+
+/**
+ * In the place of the figures; what was shown before is no longer true. @param {Told} said
+ */
+function showFault(said) {
+  byId("lesson").toggleAttribute("data-stale", true);
+  const named = typeof said === "string" ? said
+    : { ...said, values: { ...said.values, file: text("title") } };
+  byId("figures").replaceChildren(element("h2", {}, word("teach.figures")),
+    element("p", { class: "beware", role: "alert" }, again(named)));
 }
 
 function show() {
   const { view, lesson } = state;
-  if (!view) return;
+  if (!view || byId("lesson").hasAttribute("data-stale")) return;
   state.show ??= drawingRooms(byId("drawings"), view.canvases, {
     text, move, describe: (names) => names.map((name) => text(`slider.${name}`)).join(", "),
   });
