@@ -225,6 +225,27 @@ def test_the_question_is_seen_without_scrolling__law(learn, language):
     assert wrong == []
 
 
+@pytest.mark.parametrize("language", ["en", "cs"])
+def test_a_verdict_comes_into_sight__law(learn, language):
+    """With the truth shown, figures push the question below the lower edge."""
+    size = {"width": 1366, "height": 768}
+    page, _ = learn(next(iter(LESSONS)), language=language, size=size)
+    for name in LESSONS:
+        page.click(f'[data-lesson="{name}"]')
+        if page.locator("#truth").count():
+            page.locator("#truth").click()
+        page.wait_for_selector("#check")
+        settled(page)
+        page.locator("#answer").fill("-987654")
+        for act, verdict in (("#check", "#said.wrong"), ("#hint", "#said"), ("#give-up", "#said")):
+            page.locator("#controls").evaluate("e => { e.scrollTop = 0; }")
+            page.locator(act).evaluate("e => e.click()")
+            page.wait_for_function("document.getElementById('said').textContent")
+            box = page.locator(verdict).bounding_box()
+            assert box["y"] + box["height"] <= 768, (name, act)
+            page.locator("#said").evaluate("e => { e.textContent = ''; }")
+
+
 def test_ransac_goes_forward_and_back_by_one_step__law(learn):
     page, wrong = learn("ransac")
     words = Teacher(LESSONS).listed("en")["words"]

@@ -38,8 +38,8 @@ export async function showQuestion(room, lesson, text, sliders) {
   const form = element("form", { class: "answering", onsubmit: (/** @type {Event} */ event) => {
     event.preventDefault();
     const answer = numberOf(field.value);
-    if (!Number.isFinite(answer)) said.textContent = word("teach.nonsense");
-    else judged(answer);
+    if (Number.isFinite(answer)) judged(answer);
+    else speak(said, word("teach.nonsense"));
   } }, field, element("span", { class: "unit" }, asked.unit),
   element("button", { class: "on", type: "submit", id: "check" }, word("teach.check")));
   const next = async () => {
@@ -48,12 +48,18 @@ export async function showQuestion(room, lesson, text, sliders) {
     document.getElementById("answer")?.focus();
   };
   const acts = element("div", { class: "acts" },
-    act("hint", () => { said.textContent = text(`hint.${asked.name}`); }),
+    act("hint", () => speak(said, text(`hint.${asked.name}`))),
     act("give-up", () => judged(null)), act("next", next));
   room.replaceChildren(element("h2", {}, word("teach.question")),
     element("p", { class: "asked" }, text(`question.${asked.name}`, asked.values),
       asked.signed ? ` ${text(`sign.${asked.name}`)}` : ""), form, acts, said);
   return undefined;
+}
+
+/** A verdict or a hint; many figures would leave it below the lower edge. @param {string} words */
+function speak(/** @type {HTMLElement} */ said, words) {
+  said.textContent = words;
+  said.scrollIntoView({ block: "nearest" });
 }
 
 /** @param {string} name @param {() => void} onclick */
@@ -75,16 +81,15 @@ async function judge(lesson, answer, said, text) {
     told({ value, digits: places, unit, truth: null });
   said.className = right ? "right" : "wrong";
   if (right) {
-    said.textContent = word("teach.right", { answer: shown(truth),
-      tolerance: number(tolerance, tolerance < 1 ? 2 : 1) });
+    speak(said, word("teach.right", { answer: shown(truth),
+      tolerance: number(tolerance, tolerance < 1 ? 2 : 1) }));
   } else if (answer === null) {
-    said.textContent = word("teach.was", { answer: shown(truth) });
+    speak(said, word("teach.was", { answer: shown(truth) }));
   } else if (opposite) {
-    said.textContent = word("teach.opposite", {
-      sign: asked.signed ? text(`sign.${asked.name}`) : word("teach.unsigned") });
+    speak(said, word("teach.opposite", {
+      sign: asked.signed ? text(`sign.${asked.name}`) : word("teach.unsigned") }));
   } else {
-    said.textContent = `${word("teach.wrong")} ${
-      state.tries > 1 ? text(`hint.${asked.name}`) : ""}`;
+    speak(said, `${word("teach.wrong")} ${state.tries > 1 ? text(`hint.${asked.name}`) : ""}`);
   }
   if (!state.done) keep(lesson.name, answer, right);
   state.done ||= right || answer === null;
