@@ -66,12 +66,19 @@ def view(state: sheet.State) -> sheet.View:
 
 
 def heights(state: sheet.State) -> dict[str, sheet.Number]:
-    """What the formulas have in kilometres."""
+    """What the formulas have in kilometres, and the air below both heights."""
     return {
         "H": sheet.Number(state["H"] / 1000, 1, "km"),
         "h": sheet.Number(state["h"] / 1000, 2, "km"),
         "R": sheet.Number(EARTH_RADIUS_M / 1000, 0, "km"),
+        "K_H": air_below(state["H"]),
+        "K_h": air_below(state["h"]),
     }
+
+
+def air_below(height_m: float) -> sheet.Number:
+    """The constant of refraction of a photo of ground at the sea."""
+    return sheet.Number(1e6 * refraction_constant(height_m, 0.0), 1, "·10⁻⁶")
 
 
 def film(state: sheet.State, arrows: list[sheet.Shape]) -> sheet.Canvas:
@@ -96,17 +103,15 @@ def ask_curvature(rng: np.random.Generator) -> sheet.Asked:
     return sheet.Asked({"c": c, "scale": scale, "r": TABLE_MM}, -float(moved[0]))
 
 
-def bertram(height: str) -> sheet.Math:
-    """The air below a height in kilometres, as `refraction_constant` has it."""
-    factor, linear, constant = (f"{number:g}" for number in BERTRAM)
-    square = sheet.row(sheet.power(height, "2"), "−", linear, "*", height, "+", constant)
-    return sheet.over(sheet.row(factor, "*", height), square)
-
-
+FACTOR, LINEAR, CONSTANT = (f"{number:g}" for number in BERTRAM)
 AIR = sheet.row(
-    sheet.fence(sheet.row(bertram("H"), "−", bertram("h"), "*", sheet.over("h", "H"))),
+    sheet.over(
+        sheet.row(FACTOR, "*", "H"),
+        sheet.row(sheet.power("H", "2"), "−", LINEAR, "*", "H", "+", CONSTANT),
+    ),
     "*", sheet.power("10", "−6"),
 )  # fmt: skip
+"""The air below the aircraft, as `refraction_constant` has it; below the ground it is the same."""
 RADIAL = sheet.fence(sheet.row("r", "+", sheet.over(sheet.power("r", "3"), sheet.power("c", "2"))))
 EARTH = sheet.over(
     sheet.row(sheet.fence(sheet.row("H", "−", "h")), "*", sheet.power("r", "3")),
@@ -125,7 +130,8 @@ LESSON = sheet.Lesson(
     ),
     view,
     (
-        sheet.Equation("K", AIR),
+        sheet.Equation("K_H", AIR),
+        sheet.Equation("K", sheet.row("K_H", "−", "K_h", "*", sheet.over("h", "H"))),
         sheet.Equation("Δr_a", sheet.row("K", "*", RADIAL)),
         sheet.Equation("Δr_e", sheet.row("−", EARTH)),
     ),

@@ -97,15 +97,18 @@ def worked_out(name: str, **state: float) -> dict[str, tuple[Value, Value]]:
 def test_refraction_its_constant_and_curvature_come_out_of_their_formulas__law() -> None:
     for height, ground in ((4500, 300), (12000, 1500), (800, 0)):
         found = worked_out("corrections", H=height, h=ground, c=210, r=110)
-        shown, _ = found["K"]
         # The constant takes its heights in kilometres, as print has it.
         view = LESSONS["corrections"].view(
             LESSONS["corrections"].start | {"H": height, "h": ground}
         )
-        heights = {name: view.symbols[name].value for name in ("H", "h")}
         assert {view.symbols[name].unit for name in ("H", "h")} == {"km"}
-        constant = Formula(heights).value(LESSONS["corrections"].equations[0].right)
-        assert constant == pytest.approx(shown, abs=0.051e-6)
+        known = {name: view.symbols[name].value for name in ("H", "h", "K_H", "K_h")}
+        air, constant = LESSONS["corrections"].equations[:2]
+        for level in ("H", "h"):
+            below = Formula({"H": known[level]}).value(air.right)
+            assert 1e6 * below == pytest.approx(known[f"K_{level}"], abs=1e-9)
+        whole = Formula(known).value(constant.right)
+        assert whole == pytest.approx(view.symbols["K"].value, abs=1e-9)
         for left in ("Δr_a", "Δr_e"):
             shown, come = found[left]
             assert come == pytest.approx(shown, abs=0.1e-6), left

@@ -21,11 +21,12 @@ export function told({ value, digits, unit }) {
  */
 export function equationShown({ left, right }, symbols) {
   const bare = { plain: true, symbols };
-  const lines = [
-    math("mrow", term(left, bare), sign("="), term(right, bare)),
-    math("mrow", sign("="), term(right, { plain: false, symbols }),
-      ...(symbols[left] ? [sign("="), term(left, { plain: false, symbols })] : [])),
-  ].slice(0, hasNumbers([left, right], symbols) ? 2 : 1).map((line) => math("math", line));
+  const numbers = { plain: false, symbols };
+  const parts = [[term(left, bare), sign("="), term(right, bare)]];
+  // Numbers and result go to rows of their own where one row is too short.
+  if (hasNumbers([left, right], symbols)) parts.push([sign("="), term(right, numbers)]);
+  if (symbols[left]) parts.push([sign("="), space(), term(left, numbers)]);
+  const lines = parts.map((line) => math("math", math("mrow", ...line)));
   for (const line of lines) line.setAttribute("displaystyle", "true");
   return element("div", { class: "equation" }, ...lines);
 }

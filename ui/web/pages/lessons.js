@@ -13,9 +13,12 @@ import { saveAnswers, showQuestion, showScore } from "./lesson_question.js";
 
 const HUES = 6;
 const HERE = ["localhost", "127.0.0.1", "[::1]"];
-/** Rooms of formulas, each larger, and sizes of letters: the first in which all of them fit. */
+/**
+ * Rooms of formulas, each larger, and sizes of letters: the first in which all of them fit.
+ * From 15 on no letter is smaller than 12 pixels.
+ */
 const ROOMS = /** @type {[string, number[]][]} */ (
-  [["", [19, 17, 15]], ["long", [15, 14, 13]], ["longer", [13, 12, 11]]]);
+  [["", [19, 17, 15]], ["long", [15]], ["longer", [15, 14, 13, 12, 11]]]);
 const state = {
   lessons: /** @type {Lesson[]} */ ([]),
   lesson: /** @type {Lesson} */ (/** @type {unknown} */ (null)),
@@ -269,7 +272,8 @@ function showFormulas({ symbols, step, equations: own }, { sliders, equations })
     byId("lesson").className = wide;
     return sizes.some((size) => {
       room.style.setProperty("--size", `${size}px`);
-      return room.scrollHeight <= room.clientHeight && room.scrollWidth <= room.clientWidth;
+      return room.scrollHeight <= room.clientHeight && [...room.children].every((row) =>
+        row.scrollWidth <= row.clientWidth);
     });
   });
 }
