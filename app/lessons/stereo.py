@@ -56,7 +56,7 @@ def view(state: sheet.State) -> sheet.View:
     middle = sigma_height(base, above, c, sigma)
     parallax = float(measured[0, 0] - measured[1, 0])
     split = 1000 * (parallax - float(marks[0, 0] - marks[1, 0]))
-    bases = np.geomspace(0.1, max(1.2, base / above), 12) * above
+    bases = np.geomspace(min(0.1, base / above), max(1.2, base / above), 12) * above
     figures = {
         "parallax": sheet.Number(parallax, 3, "mm"),
         "split": sheet.Number(split, 0, "µm"),

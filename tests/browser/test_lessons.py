@@ -206,9 +206,11 @@ def test_template_and_window_are_dragged_over_scan_and_ortho__law(learn):
 
 @pytest.mark.parametrize("size", [(1600, 1000), (1366, 768)])
 def test_every_choice_lies_within_its_room__law(learn, size):
-    page, _ = learn("places", size={"width": size[0], "height": size[1]})
-    room = page.locator("#controls")
-    assert room.evaluate("e => e.scrollWidth <= e.clientWidth")
+    for name in ("places", "matching"):
+        page, _ = learn(name, size={"width": size[0], "height": size[1]})
+        room = page.locator("#controls")
+        assert room.evaluate("e => e.scrollWidth <= e.clientWidth"), name
+        assert page.locator("[data-choice=operator]").count() >= 5, name
 
 
 @pytest.mark.parametrize("language", ["en", "cs"])

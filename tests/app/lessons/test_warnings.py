@@ -28,6 +28,9 @@ def test_a_base_that_no_film_covers_is_warned_of__law() -> None:
     # The curve goes as far as the place on it that is marked.
     assert wide.plot is not None
     assert wide.plot.curves[0].points[-1][0] == pytest.approx(3000 / 600)
+    narrow = shown(stereo.LESSON, B=200, H=6000).plot
+    assert narrow is not None
+    assert narrow.curves[0].points[0] == pytest.approx(narrow.at)
 
 
 def test_ground_above_the_aircraft_leaves_the_lens_alone__law() -> None:
