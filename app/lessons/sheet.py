@@ -183,6 +183,8 @@ class View:
     """Those of the step, in the place of the lesson's."""
     idle: Mapping[str, str] = field(default_factory=dict[str, str])
     """Sliders that move nothing in this state, each with the name of its reason (`idle.REASON`)."""
+    in_force: Mapping[str, float] = field(default_factory=dict[str, float])
+    """What idle sliders show in this state instead of where they stand."""
     warning: str = ""
     """What to beware of in this state (`warning.WARNING`)."""
 

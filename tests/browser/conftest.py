@@ -12,6 +12,7 @@ from app.check_plan import PlanWish, draw_plan
 from app.desk.inputs import desk_inputs as run_inputs
 from app.desk.wiring import OpenDesk, open_desk
 from app.project import read_project
+from app.teaching import find_lessons, open_teaching
 from sessions.session import Session
 from tests.ui.desk_block import desk_inputs
 
@@ -253,3 +254,23 @@ def scene_of(page):
     frame = next(frame for frame in page.frames if "/scene/" in frame.url)
     frame.wait_for_function("!!window.__viserMutable.nodeRefFromName['/terrain']")
     return frame
+
+
+@pytest.fixture(scope="module")
+def lessons(teaching_cache):
+    with open_teaching(find_lessons(), "127.0.0.1", 0) as opened:
+        yield opened
+
+
+@pytest.fixture
+def learn(sit_at, lessons):
+    """Open a lesson; what its scripts complain of is kept."""
+
+    def open_lesson(name, **how):
+        page = sit_at(f"{lessons.url}&lesson={name}", scene=False, ready="#figures b", **how)
+        wrong = []
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+        return page, wrong
+
+    return open_lesson

@@ -875,5 +875,7 @@ interface LessonView {
   equations: Equation[];
   /** Sliders that move nothing now, each with its reason. */
   idle: Record<string, string>;
+  /** What they show instead of where they stand. */
+  in_force: Record<string, number>;
   warning: string;
 }

@@ -165,6 +165,12 @@ function hueOf({ name, symbol }) {
 /** @param {string} name @param {number} value */
 function set(name, value) {
   state.values[name] = value;
+  showValue(name, value);
+  refresh();
+}
+
+/** @param {string} name @param {number} value */
+function showValue(name, value) {
   const range = /** @type {HTMLInputElement | null} */ (document.getElementById(`slider-${name}`));
   const typed = /** @type {HTMLInputElement | null} */ (
     document.querySelector(`[data-typed="${name}"]`));
@@ -174,7 +180,6 @@ function set(name, value) {
   for (const button of all(`[data-choice="${name}"]`)) {
     turn(button, Number(button.dataset.value) === value);
   }
-  refresh();
 }
 
 function reset() {
@@ -278,17 +283,23 @@ function showFormulas({ symbols, step, equations: own }, { sliders, equations })
   });
 }
 
-/** Sliders that move nothing now cannot be moved, and say why. @param {LessonView} view */
-function showIdle({ idle }) {
+/**
+ * Sliders that move nothing now cannot be moved, say why, and show what is in force.
+ * @param {LessonView} view
+ */
+function showIdle({ idle, in_force: inForce }) {
   const said = new Set();
   for (const row of all("#sliders [data-slider]")) {
-    const reason = idle[row.dataset.slider ?? ""];
+    const name = row.dataset.slider ?? "";
+    const reason = idle[name];
+    if (reason || row.querySelector(":disabled")) {
+      showValue(name, inForce[name] ?? state.values[name]);
+    }
     for (const input of /** @type {NodeListOf<HTMLInputElement | HTMLButtonElement>} */ (
       row.querySelectorAll("input, button"))) input.disabled = Boolean(reason);
     for (const button of /** @type {NodeListOf<HTMLElement>} */ (
       row.querySelectorAll("[data-choice]"))) {
-      const { choice, value } = button.dataset;
-      turn(button, !reason && state.values[choice ?? ""] === Number(value));
+      turn(button, Number(button.dataset.value) === (reason ? inForce : state.values)[name]);
     }
     row.querySelector(".idle")?.remove();
     // One reason of several sliders is said under the first of them.
