@@ -17,7 +17,9 @@ NEAR, FAR = 0.0, 106.0
 MARKS = np.array([(x, y) for x in (-FAR, NEAR, FAR) for y in (-FAR, NEAR, FAR) if (x, y) != (0, 0)])
 """Eight fiducials: corners and middles of the sides."""
 HALF = 115.0
-TIMES = 400.0
+TIMES = (400, 300, 200, 100, 50, 20, 10)
+"""Residuals and principal point are drawn so many times: the most that leaves them in view."""
+EDGE = 1.16 * HALF
 PRINCIPAL_MM, HEIGHT_M, HILL_M = 152.0, 1500.0, 100.0
 """The photo in which the principal point is forgotten, and a hill in it."""
 
@@ -68,14 +70,17 @@ def view(state: sheet.State) -> sheet.View:
     figures["aside"] = sheet.Number(float(np.hypot(*aside)), 2, "m")
     figures["hill"] = sheet.Number(float(np.hypot(*(aside - on_hill))), 2, "m")
     sigmas = sheet.curve("sigma", range(3), [1000 * one.sigma for one in fits])
-    plot = sheet.Plot("model", "sigma", (sigmas,), (state["model"], 1000 * fit.sigma))
+    plot = sheet.Plot("model", "sigma", (sigmas,), (state["model"], 1000 * fit.sigma), "model")
     symbols = {
         "r": sheet.Number(fit.redundancy, 0),
         "m": sheet.Number(len(MARKS), 0),
         "u": sheet.Number(2 * len(MARKS) - fit.redundancy, 0),
     } | last_mark(fit, pixels[-1], state["x0"])
     shown = (REDUNDANCY, *(PROJECTED if fit.model == "projective" else (LAID,)), REDUCED)
-    return sheet.View(figures, (film(fit.residuals, principal),), symbols, plot, equations=shown)
+    times = enlarged(fit.residuals, principal)
+    figures["times"] = sheet.Number(times, 0)
+    frame = film(fit.residuals, principal, times)
+    return sheet.View(figures, (frame,), symbols, plot, equations=shown)
 
 
 def last_mark(fit: FilmFit, pixel: np.ndarray, x0_mm: float) -> dict[str, sheet.Number]:
@@ -111,14 +116,23 @@ def forgotten(principal_mm: tuple[float, float]) -> tuple[np.ndarray, np.ndarray
     return ground, hill
 
 
-def film(residuals: FilmPoints, principal_mm: tuple[float, float]) -> sheet.Canvas:
-    """The frame with its marks, their residuals and its principal point, magnified."""
-    edge = 1.16 * HALF
-    ends = MARKS + TIMES * residuals
+def enlarged(residuals: FilmPoints, principal_mm: tuple[float, float]) -> int:
+    """How many times their size arrows are drawn so that all of them end within the drawing."""
+
+    def within(times: int) -> bool:
+        ends = np.vstack([MARKS + times * residuals, times * np.array(principal_mm)])
+        return bool(np.abs(ends).max() < EDGE)
+
+    return next((times for times in TIMES if within(times)), 1)
+
+
+def film(residuals: FilmPoints, principal_mm: tuple[float, float], times: int) -> sheet.Canvas:
+    """The frame with its marks, their residuals and its principal point, so many times."""
+    ends = MARKS + times * residuals
     lengths = 1000 * np.hypot(*residuals.T)
     return sheet.Canvas(
         "film",
-        (-edge, -edge, edge, edge),
+        (-EDGE, -EDGE, EDGE, EDGE),
         (
             sheet.shape("area", sheet.frame_of(HALF), "film"),
             sheet.shape("line", [(-FAR, 0), (FAR, 0)], "faint"),
@@ -127,7 +141,7 @@ def film(residuals: FilmPoints, principal_mm: tuple[float, float]) -> sheet.Canv
             sheet.shape("text", [(0, 0)], "axis", "centre"),
             sheet.shape(
                 "arrow",
-                [(0.0, 0.0), (TIMES * principal_mm[0], TIMES * principal_mm[1])],
+                [(0.0, 0.0), (times * principal_mm[0], times * principal_mm[1])],
                 "estimate",
                 "principal",
                 number=sheet.Number(1000 * float(np.hypot(*principal_mm)), 0, "µm"),

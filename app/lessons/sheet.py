@@ -163,6 +163,8 @@ class Plot:
     """At least one."""
     at: tuple[float, float] | None = None
     """Where the sliders stand now."""
+    kinds: str = ""
+    """Slider whose choices are the places along x (`choice.NAME.VALUE`), which have no order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

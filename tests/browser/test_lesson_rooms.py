@@ -33,6 +33,21 @@ def test_the_question_is_seen_without_scrolling__law(learn, language):
 
 
 @pytest.mark.parametrize("language", ["en", "cs"])
+def test_models_are_named_at_their_axis_and_every_arrow_has_its_number__law(learn, language):
+    page, _ = learn("interior", language=language, size={"width": 1366, "height": 768})
+    names = page.locator("[data-choice=model]").all_inner_texts()
+    for state in ({}, {"shrink_x": 3, "shrink_y": -1, "shear": 1, "bend": 5, "noise": 30}):
+        for name, value in state.items():
+            page.locator(f"#slider-{name}").fill(str(value))
+        settled(page)
+        ticks = page.locator("#plot .tick").all_text_contents()
+        assert ticks[: len(names)] == names
+        assert page.evaluate(TEXTS) == []
+        labels = page.locator("#drawings .label").all_text_contents()
+        assert sum("µm" in one for one in labels) == 9
+
+
+@pytest.mark.parametrize("language", ["en", "cs"])
 def test_a_verdict_comes_into_sight__law(learn, language):
     """With the truth shown, figures push the question below the lower edge."""
     size = {"width": 1366, "height": 768}

@@ -864,6 +864,8 @@ interface LessonPlot {
   y: string;
   curves: { name: string; points: Pair[]; look: string }[];
   at: Pair | null;
+  /** Slider whose choices are the places along x. */
+  kinds: string;
 }
 interface LessonView {
   figures: Record<string, LessonNumber>;

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.lessons import corrections, resection, stereo, tilt
+from app.lessons import corrections, interior, resection, stereo, tilt
 from app.lessons.photo import HALF_MM
 from app.lessons.sheet import Lesson, View
 
@@ -42,6 +42,25 @@ def test_ground_above_the_aircraft_leaves_the_lens_alone__law() -> None:
         )
         assert not {"K", "Δr_a", "Δr_e"} & set(view.symbols)
     assert shown(corrections.LESSON, H=700, h=600).warning == ""
+
+
+@pytest.mark.parametrize("model", [0.0, 1.0, 2.0])
+@pytest.mark.parametrize("end", [0, 1])
+def test_arrows_of_the_frame_stay_in_the_drawing__law(model: float, end: int) -> None:
+    """As many times their size as is said, and never beyond the edge."""
+    extreme = {one.name: (one.low, one.high)[end] for one in interior.LESSON.sliders}
+    across = extreme | {"shrink_y": interior.LESSON.sliders[1].high * (1 - end)}
+    for state in (extreme, across, {"bend": 5.0}, {}):
+        view = shown(interior.LESSON, **(state | {"model": model}))
+        arrows = [one for one in view.canvases[0].shapes if one.kind == "arrow"]
+        assert len(arrows) == 9
+        assert np.abs([one.points for one in arrows]).max() <= view.canvases[0].window[2]
+        times = view.figures["times"].value
+        for one in arrows:
+            assert one.number is not None
+            drawn = np.hypot(*np.subtract(*one.points))
+            assert drawn == pytest.approx(times * one.number.value / 1000, abs=0.01)
+    assert shown(interior.LESSON).figures["times"].value == 400
 
 
 def test_the_scale_number_grows_towards_the_horizon__law() -> None:

@@ -18,7 +18,7 @@ export function drawPlot(room, plot, text) {
   const all = plot.curves.flatMap(({ points }) => points).concat(plot.at ? [plot.at] : []);
   room.replaceChildren();
   if (width < 120 || height < 90 || !all.length) return undefined;
-  const across = rangeOf(all.map(([x]) => x), false);
+  const across = plot.kinds ? rangeOfKinds(all) : rangeOf(all.map(([x]) => x), false);
   const up = rangeOf(all.map(([, y]) => y), true);
   const sheet = /** @type {SVGSVGElement} */ (svg("svg", { viewBox: `0 0 ${width} ${height}`,
     role: "img", "aria-label": `${text(`axis.${plot.y}`)} / ${text(`axis.${plot.x}`)}` }));
@@ -28,10 +28,12 @@ export function drawPlot(room, plot, text) {
     + ((value - across.low) / across.size) * (width - MARGIN.left - MARGIN.right);
   const y = (/** @type {number} */ value) => height - MARGIN.bottom
     - ((value - up.low) / up.size) * (height - top - MARGIN.bottom);
-  for (const value of ticks(across)) {
+  const places = plot.kinds ? [...new Set(all.map(([place]) => place))] : ticks(across);
+  for (const value of places) {
     sheet.append(svg("path", { class: "grid", d: `M${x(value)} ${y(up.low)}V${y(up.high)}` }),
       svg("text", { class: "tick", x: x(value), y: height - MARGIN.bottom + 18,
-        "text-anchor": "middle" }, plain(value, across)));
+        "text-anchor": "middle" },
+      plot.kinds ? text(`choice.${plot.kinds}.${value}`) : plain(value, across)));
   }
   for (const value of ticks(up)) {
     sheet.append(svg("path", { class: value === 0 ? "nought" : "grid",
@@ -39,10 +41,11 @@ export function drawPlot(room, plot, text) {
     svg("text", { class: "tick", x: MARGIN.left - 7, y: y(value) + 4, "text-anchor": "end" },
       plain(value, up)));
   }
-  plot.curves.forEach(({ points, look }) => sheet.append(svg("polyline", {
-    class: `look-${look}`,
-    points: points.map(([a, b]) => `${x(a).toFixed(1)},${y(b).toFixed(1)}`).join(" "),
-  })));
+  plot.curves.forEach(({ points, look }) => sheet.append(...(plot.kinds
+    ? points.map(([a, b]) => svg("path", { class: `pillar look-${look}`,
+      d: `M${x(a)} ${y(0)}V${y(b)}` }))
+    : [svg("polyline", { class: `look-${look}`,
+      points: points.map(([a, b]) => `${x(a).toFixed(1)},${y(b).toFixed(1)}`).join(" ") })])));
   const names = [
     svg("text", { class: "axis-name", x: EDGE, y: 15 }, text(`axis.${plot.y}`)),
     svg("text", { class: "axis-name", x: width - MARGIN.right, y: height - 4,
@@ -98,6 +101,12 @@ function rangeOf(values, nought) {
   // What is nought everywhere has an axis all the same.
   return most > least ? { low: least, high: most, size: most - least }
     : { low: least, high: least + 1, size: 1 };
+}
+
+/** Room to both sides of places that have names. @param {Pair[]} points */
+function rangeOfKinds(points) {
+  const { low, high } = rangeOf(points.map(([x]) => x), false);
+  return { low: low - 0.5, high: high + 0.5, size: high - low + 1 };
 }
 
 /** From one round value to the next. @param {number} size */
