@@ -226,13 +226,9 @@ def view(state: sheet.State) -> sheet.View:
     search, limit = search_of(state)
     step = int(state["step"])
     idle = dict[str, str]()
-    more, in_force = dict[str, sheet.Number](), dict[str, float]()
+    in_force = dict[str, float]()
     if state["block"]:
         idle = dict.fromkeys(("model", "half", "limit"), f"block_{search.model}")
-        more = {
-            "half": sheet.Number(search.half_m, 1, "m"),
-            "limit": sheet.Number(limit, 1, "m"),
-        }
         in_force = {
             "model": MODELS.index(search.model) + 1, "half": search.half_m, "limit": limit
         }  # fmt: skip
@@ -241,7 +237,7 @@ def view(state: sheet.State) -> sheet.View:
         found, idle = one_sample(search, limit, sample, PHASES[phase]), idle | {"samples": "steps"}
     else:
         found = whole_search(search, limit, int(state["samples"]))
-    return replace(found, figures={**found.figures, **more}, idle=idle, in_force=in_force)
+    return replace(found, idle=idle, in_force=in_force)
 
 
 def whole_search(search: RansacSearch, limit: float, samples: int) -> sheet.View:

@@ -7,6 +7,7 @@ from urllib.parse import urlencode
 
 import pytest
 
+from app.lessons.ransac import LESSON, search_of
 from app.teaching import Teacher, find_lessons, open_teaching, state_of
 from tests.app.lessons.test_textbook import CHECKS
 
@@ -208,9 +209,8 @@ def test_sliders_of_a_published_block_show_what_is_in_force__law(learn):
     own = page.evaluate(shown), model.get_attribute("data-value")
     page.locator("[data-choice=block][data-value='1']").click()
     settled(page)
-    figures = [page.locator(f"[data-figure={name}]") for name in ("half", "limit")]
-    in_force = [float(one.get_attribute("data-value")) for one in figures]
-    assert [float(one) for one in page.evaluate(shown)] == in_force
+    search, limit = search_of(LESSON.start | {"block": 1})
+    assert [float(one) for one in page.evaluate(shown)] == [search.half_m, limit]
     assert page.evaluate(shown) != own[0]
     assert model.count() == 1
     page.locator("[data-choice=block][data-value='0']").click()
