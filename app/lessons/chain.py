@@ -252,15 +252,11 @@ def control(point: FollowedPoint) -> Part:
 
 def neighbours(point: FollowedPoint) -> Part:
     """The same ground in two photos, and where their rays meet."""
-    names = point.names[:2]
     half, count = CLOSE_PX, 91
     canvases: list[sheet.Canvas] = []
     rays, films, sigmas = list[OrientedRay](), list[Matrix](), list[float]()
-    for place, name in enumerate(names):
-        found, photo = (
-            flown.search_point(point.number, name, point.given),
-            point.report.block.photos[name],
-        )
+    for place, (name, found) in enumerate(point.searches.items()):
+        photo = point.report.block.photos[name]
         true = flown.true_flight(point.given).photos[name]
         values = flown.scan_values(true, flown.pixels_about(found.pixel, half, count), point.given)
         exact = true.pixel_from_object(point.place, CAMERA)

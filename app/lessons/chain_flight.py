@@ -272,9 +272,16 @@ class ControlSearch:
     """How surely, scan pixels."""
 
 
+SHOWN = 2
+"""Photos in which a point is followed."""
+
+
 @lru_cache(maxsize=256)
-def search_point(point: int, name: str, given: Given) -> ControlSearch:
-    """The present ortho about a point sought in a scan laid on the DEM."""
+def search_point(point: int, name: str, given: Given) -> ControlSearch | None:
+    """The present ortho about a point sought in a scan laid on the DEM.
+
+    None where nothing stands out within the window: the photo lies further off than it is wide.
+    """
     flight, photo = true_flight(given), approximate_photos(given)[name]
     place = flight.block.surveyed[str(point)].position
     operator = OPERATORS["cfog"]
@@ -288,6 +295,8 @@ def search_point(point: int, name: str, given: Given) -> ControlSearch:
     patch = operator.of_reference(template, np.zeros_like(template), PATCH_M)
     scores = operator.scores(shown, patch)
     peaks = detect_peaks(scores, PEAKS, APART_PX)
+    if not peaks:
+        return None
     best = peaks[0]
     shift = np.array([best.column - REACH_M, REACH_M - best.row])
     plan = place[None, :2] + shift
@@ -327,6 +336,8 @@ def adjust_flight(given: Given) -> AdjustmentReport:
     measured: dict[tuple[str, str], Measurement] = {}
     for point, name in block.measurements:
         found = search_point(int(point), name, given)
+        if found is None:
+            continue
         column, row = found.pixel[0].tolist()
         measured[point, name] = Measurement(point, name, column, row, found.sigma_px)
     block = replace(block, measurements=measured).with_photos(approximate_photos(given))
@@ -345,6 +356,22 @@ def names_of_photos(point: int, given: Given) -> list[str]:
         return float(np.hypot(*photo.interior.film_from_pixel(pixel)[0]))
 
     return sorted(names, key=from_middle)
+
+
+def searches_of(point: int, given: Given) -> dict[str, ControlSearch]:
+    """A known point in the two photos that show it nearest their middles, of those with a peak.
+
+    Raises:
+        LookupError: It is found in fewer than two photos.
+    """
+    found: dict[str, ControlSearch] = {}
+    for name in names_of_photos(point, given):
+        search = search_point(point, name, given)
+        if search is not None:
+            found[name] = search
+        if len(found) == SHOWN:
+            return found
+    raise LookupError(f"point {point} is found in fewer than two photos")
 
 
 @lru_cache(maxsize=8)
@@ -387,8 +414,8 @@ class FollowedPoint:
     def __init__(self, number: int, given: Given) -> None:
         self.given = given
         self.number = number
-        self.names = names_of_photos(number, given)
-        self.name = self.names[0]
+        self.searches = searches_of(number, given)
+        self.name = next(iter(self.searches))
         self.true = true_flight(given).photos[self.name]
         self.rough = approximate_photos(given)[self.name]
         self.place: ObjectPoints = true_place(number, given)
@@ -397,7 +424,7 @@ class FollowedPoint:
     @property
     def search(self) -> ControlSearch:
         """The search in its photo."""
-        return search_point(self.number, self.name, self.given)
+        return self.searches[self.name]
 
     @property
     def report(self) -> AdjustmentReport:
