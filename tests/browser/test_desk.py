@@ -221,8 +221,7 @@ def test_keys_pressed_in_the_scene_are_the_desks__law(sit):
     point = current(page)
     room = page.locator("#scene").bounding_box()
     page.mouse.click(room["x"] + 12, room["y"] + 40)
-    page.wait_for_timeout(300)
-    assert page.evaluate("document.activeElement.id") == "scene"
+    page.wait_for_function("document.activeElement.id === 'scene'")
     point = current(page)
     page.keyboard.press("m")
     becomes(page, point, "dubious")
