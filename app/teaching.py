@@ -147,8 +147,11 @@ def read_lesson(path: Path) -> Lesson:
 def _why(error: Exception, path: Path) -> str:
     """What broke a lesson, and in which line of its file it did."""
     why = f"{type(error).__name__}: {error}".removesuffix(": ")
-    own = [part.lineno for part in traceback.extract_tb(error.__traceback__)
-           if Path(part.filename) == path]  # fmt: skip
+    own = [
+        part.lineno
+        for part in traceback.extract_tb(error.__traceback__)
+        if Path(part.filename) == path
+    ]
     line = error.lineno if isinstance(error, SyntaxError) else own[-1] if own else None
     if line is None:
         return say("does not work: {why}.", why=why)

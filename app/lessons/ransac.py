@@ -229,9 +229,7 @@ def view(state: sheet.State) -> sheet.View:
     in_force = dict[str, float]()
     if state["block"]:
         idle = dict.fromkeys(("model", "half", "limit"), f"block_{search.model}")
-        in_force = {
-            "model": MODELS.index(search.model) + 1, "half": search.half_m, "limit": limit
-        }  # fmt: skip
+        in_force = {"model": MODELS.index(search.model) + 1, "half": search.half_m, "limit": limit}
     if step:
         sample, phase = divmod(step - 1, len(PHASES))
         found, idle = one_sample(search, limit, sample, PHASES[phase]), idle | {"samples": "steps"}

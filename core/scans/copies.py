@@ -184,8 +184,12 @@ def _inside(
     drawn = blur_as_scanned(draw_mark(mark, pixel_mm, fit.turn))
     half = drawn.shape[0] // 2
     columns, rows = (np.arange(-half, half + 1) + at for at in (one.column, one.row))
-    seen = np.outer(*((at > 0) & (at < size) for at, size in
-                      zip((rows, columns), scan.size_px[::-1], strict=True)))  # fmt: skip
+    seen = np.outer(
+        *(
+            (at > 0) & (at < size)
+            for at, size in zip((rows, columns), scan.size_px[::-1], strict=True)
+        )
+    )
     slopes = np.stack([np.gradient(drawn, axis=axis) for axis in (1, 0)]) * disc_in(drawn)
     whole, left = (np.einsum("arc,brc->ab", some, some) for some in (slopes, slopes * seen))
     if np.linalg.eigvalsh(left)[0] > LEAST_SEEN * np.linalg.eigvalsh(whole)[0]:

@@ -164,8 +164,11 @@ def test_a_photo_in_which_a_point_is_not_found_is_left_out__law() -> None:
     """In flight 28 one photo lies further off than is searched: nothing stands out there."""
     given = Given(0.6, 28)
     report = flown.adjust_flight(given)
-    lost = [(point, name) for point, name in flown.true_flight(given).block.measurements
-            if flown.search_point(int(point), name, given) is None]  # fmt: skip
+    lost = [
+        (point, name)
+        for point, name in flown.true_flight(given).block.measurements
+        if flown.search_point(int(point), name, given) is None
+    ]
     assert lost
     assert not set(lost) & set(report.residuals_px)
     for point, _ in lost:
