@@ -257,7 +257,7 @@ def neighbours(point: FollowedPoint) -> Part:
     rays, films, sigmas = list[OrientedRay](), list[Matrix](), list[float]()
     for place, (name, found) in enumerate(point.searches.items()):
         photo = point.report.block.photos[name]
-        true = flown.true_flight(point.given).photos[name]
+        true = flown.true_flight(point.given.seed).photos[name]
         values = flown.scan_values(true, flown.pixels_about(found.pixel, half, count), point.given)
         exact = true.pixel_from_object(point.place, CAMERA)
         canvases.append(
@@ -442,7 +442,7 @@ def mosaic(point: FollowedPoint) -> Part:
 
 def tile(point: FollowedPoint, name: str) -> tuple[sheet.Canvas, Position, float]:
     """The mosaic about the point from a photo, where that shows it, and its radius there, mm."""
-    photo, true = point.report.block.photos[name], flown.true_flight(point.given).photos[name]
+    photo, true = point.report.block.photos[name], flown.true_flight(point.given.seed).photos[name]
     pixel = true.pixel_from_object(point.place, CAMERA)
     shown = object_on_ground(photo, CAMERA, pixel, DEM)[0]
     near = grid_about(point.place[0], ORTHO_HALF_PX, ORTHO_M)

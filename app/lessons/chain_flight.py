@@ -82,6 +82,11 @@ RIM_MM = 12.0
 BEYOND_M = 1500.0
 """How far the mosaic reaches beyond the crossroads."""
 PLAN = Plan(2, 3, TIES, NOISE_PX, 1)
+# design: a class of thirty with two flights each; a flight's searches take half a megabyte.
+KEPT = 60
+"""Flights of which is kept what was found."""
+PHOTOS, SEARCHES = 6, 28
+"""Of a flight."""
 HELD = AdjustmentOptions(estimate_cameras=False)
 
 
@@ -167,11 +172,11 @@ class Given:
     """Of ground, film and noise."""
 
 
-@lru_cache(maxsize=8)
-def true_flight(given: Given) -> Flight:
+@lru_cache(maxsize=KEPT)
+def true_flight(seed: int) -> Flight:
     """The photos as they truly stand, and what is measured of ties."""
-    plan = replace(PLAN, seed=given.seed)
-    rng = np.random.default_rng(3000 + given.seed)
+    plan = replace(PLAN, seed=seed)
+    rng = np.random.default_rng(3000 + seed)
     side = round(2 * (HALF_MM + 4) / PIXEL_MM)
     photos: dict[str, Photo] = {}
     for name, photo in flown(plan).items():
@@ -223,10 +228,10 @@ def mark_window(photo: Photo, name: str, seed: int) -> tuple[tuple[int, int], Ma
     return (int(corner[0]), int(corner[1])), gray * (1 - cover) + 215 * cover
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT * PHOTOS)
 def measure_marks(name: str, seed: int) -> PixelPoints:
     """Where the engine finds the fiducials of a photo."""
-    photo = true_flight(Given(0.0, seed)).photos[name]
+    photo = true_flight(seed).photos[name]
     found: list[tuple[float, float]] = []
     for mark in MARKS:
         corner, gray = mark_window(photo, mark, seed)
@@ -237,21 +242,26 @@ def measure_marks(name: str, seed: int) -> PixelPoints:
     return np.array(found)
 
 
-@lru_cache(maxsize=8)
-def approximate_photos(given: Given) -> dict[str, Photo]:
-    """The photos as the search begins: interiors from the marks, rough exteriors."""
-    rng = np.random.default_rng(5000 + given.seed)
-    photos: dict[str, Photo] = {}
-    for name, photo in true_flight(given).photos.items():
-        pixels = measure_marks(name, given.seed)
-        certified = np.array(list(MARKS.values()))
-        interior = fit_interior(tuple(MARKS), pixels, certified, "affine")
-        assert isinstance(interior, InteriorOrientation), interior.reason
+@lru_cache(maxsize=KEPT)
+def _rough_exteriors(seed: int) -> dict[str, ExteriorOrientation]:
+    """Where the search takes the photos to be."""
+    rng = np.random.default_rng(5000 + seed)
+    rough: dict[str, ExteriorOrientation] = {}
+    for name, photo in true_flight(seed).photos.items():
         true = photo.exterior
         angles = (true.angles + rng.normal(0, TURNED, 3)).tolist()
-        rough = ExteriorOrientation(true.centre + rng.normal(0, OFF_M, 3), *angles)
-        photos[name] = replace(photo, interior=interior, exterior=rough, approximate=rough)
-    return photos
+        rough[name] = ExteriorOrientation(true.centre + rng.normal(0, OFF_M, 3), *angles)
+    return rough
+
+
+@lru_cache(maxsize=KEPT * PHOTOS)
+def approximate_photo(name: str, seed: int) -> Photo:
+    """A photo as the search begins: its interior from the marks, a rough exterior."""
+    photo, rough = true_flight(seed).photos[name], _rough_exteriors(seed)[name]
+    certified = np.array(list(MARKS.values()))
+    interior = fit_interior(tuple(MARKS), measure_marks(name, seed), certified, "affine")
+    assert isinstance(interior, InteriorOrientation), interior.reason
+    return replace(photo, interior=interior, exterior=rough, approximate=rough)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -276,13 +286,13 @@ SHOWN = 2
 """Photos in which a point is followed."""
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=KEPT * SEARCHES)
 def search_point(point: int, name: str, given: Given) -> ControlSearch | None:
     """The present ortho about a point sought in a scan laid on the DEM.
 
     None where nothing stands out within the window: the photo lies further off than it is wide.
     """
-    flight, photo = true_flight(given), approximate_photos(given)[name]
+    flight, photo = true_flight(given.seed), approximate_photo(name, given.seed)
     place = flight.block.surveyed[str(point)].position
     operator = OPERATORS["cfog"]
     around = grid_about(place, PATCH_M + REACH_M, 1.0)
@@ -329,10 +339,10 @@ def rectify_scan(photo: Photo, grid: Grid, true: Photo, given: Given) -> Matrix:
     return scan_values(true, pixels, given).reshape(grid.rows, grid.columns)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=KEPT)
 def adjust_flight(given: Given) -> AdjustmentReport:
     """The block with its ties and with the control that was found, adjusted."""
-    block = true_flight(given).block
+    block = true_flight(given.seed).block
     measured: dict[tuple[str, str], Measurement] = {}
     for point, name in block.measurements:
         found = search_point(int(point), name, given)
@@ -340,13 +350,14 @@ def adjust_flight(given: Given) -> AdjustmentReport:
             continue
         column, row = found.pixel[0].tolist()
         measured[point, name] = Measurement(point, name, column, row, found.sigma_px)
-    block = replace(block, measurements=measured).with_photos(approximate_photos(given))
+    photos = {name: approximate_photo(name, given.seed) for name in block.photos}
+    block = replace(block, measurements=measured).with_photos(photos)
     return adjust_block(block, HELD)
 
 
 def names_of_photos(point: int, given: Given) -> list[str]:
     """Photos in which a known point is sought, the one that shows it nearest its middle first."""
-    flight = true_flight(given)
+    flight = true_flight(given.seed)
     names = [name for known, name in flight.block.measurements if known == str(point)]
     place = flight.block.surveyed[str(point)].position[None]
 
@@ -374,10 +385,10 @@ def searches_of(point: int, given: Given) -> dict[str, ControlSearch]:
     raise LookupError(f"point {point} is found in fewer than two photos")
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=KEPT)
 def seams(given: Given) -> tuple[LabelledGround, tuple[str, ...]]:
     """Which photo shows which cell of the mosaic, as the engine divides the ground."""
-    block, truth = adjust_flight(given).block, true_flight(given).photos
+    block, truth = adjust_flight(given).block, true_flight(given.seed).photos
     low, high = junctions().min(axis=0) - BEYOND_M, junctions().max(axis=0) + BEYOND_M
     side = 2 * CELL_M * np.ceil((high - low).max() / CELL_M / 2)
     west, south = np.floor(low / CELL_M) * CELL_M
@@ -416,8 +427,8 @@ class FollowedPoint:
         self.number = number
         self.searches = searches_of(number, given)
         self.name = next(iter(self.searches))
-        self.true = true_flight(given).photos[self.name]
-        self.rough = approximate_photos(given)[self.name]
+        self.true = true_flight(given.seed).photos[self.name]
+        self.rough = approximate_photo(self.name, given.seed)
         self.place: ObjectPoints = true_place(number, given)
         self.true_pixel: PixelPoints = self.true.pixel_from_object(self.place, CAMERA)
 

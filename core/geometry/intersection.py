@@ -15,8 +15,8 @@ from core.geometry.collinearity import (
     constants_of,
     constants_of_air,
     deformation_of_cameras,
-    ideal_from_film,
     ray_model,
+    rays_from_film,
     stacked_partials,
 )
 from core.geometry.exterior import ExteriorOrientation
@@ -112,9 +112,7 @@ def ray_directions(
     film: FilmPoints, exterior: ExteriorOrientation, camera: Camera, atmosphere: Atmosphere
 ) -> ObjectPoints:
     """Unit vectors from the perspective centre through film points towards the ground."""
-    ideal = ideal_from_film(film, camera, atmosphere)
-    depth = np.full((len(ideal), 1), -camera.principal_distance_mm)
-    rays = np.hstack([ideal, depth]) @ exterior.object_from_image.T
+    rays = rays_from_film(film, exterior, camera, atmosphere)
     return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
 

@@ -10,6 +10,7 @@ from core.arrays import Mask, ObjectPoints, PixelPoints
 from core.block import Photo
 from core.frames import HALF_PIXEL
 from core.geometry.camera import Camera
+from core.geometry.collinearity import object_on_rays, rays_from_film
 from core.geometry.exterior import ExteriorOrientation
 from core.matching.peaks import Image
 from core.matching.reference import Reference
@@ -137,10 +138,12 @@ def object_on_ground(
     Fixed-point iteration on the height, halved when it swings, which converges as long as the
     ground is not steeper than the ray.
     """
+    film = photo.interior.film_from_pixel(pixels)
+    rays = rays_from_film(film, photo.exterior, camera, photo.atmosphere)
     heights = np.full(len(pixels), photo.ground_height_m)
     step = np.zeros(len(pixels))
     for _ in range(ITERATIONS):
-        ground = photo.object_from_pixel(pixels, heights, camera)
+        ground = object_on_rays(rays, heights, photo.exterior, photo.atmosphere)
         found = dem.heights(ground[:, :2])
         change = np.where(np.isnan(found), 0.0, found - heights)
         swings = change * step < 0
@@ -148,7 +151,7 @@ def object_on_ground(
         heights = heights + step
         if np.abs(step).max(initial=0.0) < SETTLED_M:
             break
-    ground = photo.object_from_pixel(pixels, heights, camera)
+    ground = object_on_rays(rays, heights, photo.exterior, photo.atmosphere)
     ground[np.isnan(dem.heights(ground[:, :2])), 2] = np.nan
     return ground
 

@@ -14,8 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex64, Float32, Float64
-from scipy import fft
+from jaxtyping import Float32, Float64
 
 from core.matching.peaks import Description, Image, ScoreMap
 
@@ -47,7 +46,7 @@ class Sharpness:
     """What is correlated."""
     inverse: Covariance
     """H^-1."""
-    spread: Float32[np.ndarray, "axes axes layers layers lags lags"]
+    spread: Float32[np.ndarray, "axes layers axes layers lags lags"]
     """(g * g)(u) of both axes and all layers."""
 
 
@@ -64,9 +63,9 @@ def sharpness_of(template: Description) -> Sharpness | None:
     normal = (flat @ flat.T).astype(np.float64)
     if np.linalg.det(normal) <= LEAST_DETERMINANT * np.trace(normal) ** 2:
         return None
-    spectra = _spectra(gradients)
-    lags = _lags(np.einsum("akrc,blrc->abklrc", spectra, spectra.conj()), layers.shape[1:])
-    return Sharpness(layers, np.linalg.inv(normal), lags)
+    lags = _lags(gradients.reshape(-1, *layers.shape[1:]))
+    each = (2, len(layers), 2, len(layers), *lags.shape[2:])
+    return Sharpness(layers, np.linalg.inv(normal), lags.reshape(each))
 
 
 def place_covariance(sharpness: Sharpness, window: Description) -> Covariance:
@@ -83,10 +82,9 @@ def place_covariance(sharpness: Sharpness, window: Description) -> Covariance:
     gain = float(np.sum(template * shown) / np.sum(template**2))
     if gain <= 0:
         return np.full((2, 2), np.inf)
-    spectra = _spectra(shown - gain * template)
-    left = _lags(np.einsum("krc,lrc->klrc", spectra, spectra.conj()), template.shape[1:])
+    left = _lags(shown - gain * template)
     pixels = template.shape[1] * template.shape[2]
-    noise = np.einsum("abkluv,kluv->ab", sharpness.spread, left) / pixels
+    noise = np.einsum("akbluv,kluv->ab", sharpness.spread, left) / pixels
     return sharpness.inverse @ noise.astype(np.float64) @ sharpness.inverse / gain**2
 
 
@@ -206,21 +204,17 @@ def _planes(description: Description) -> Iterator[np.ndarray]:
         yield from (layer,) if layer.ndim == 2 else np.moveaxis(layer, 2, 0)
 
 
-def _padded(shape: tuple[int, ...]) -> tuple[int, int]:
-    """A size at which products up to the reach do not come round again."""
-    rows, columns = (int(fft.next_fast_len(side + REACH_PX, True) or side) for side in shape[-2:])
-    return rows, columns
-
-
-def _spectra(layers: Float32[np.ndarray, "..."]) -> Complex64[np.ndarray, "..."]:
-    return np.asarray(fft.rfft2(layers, s=_padded(layers.shape)), np.complex64)
-
-
-def _lags(
-    spectra: Complex64[np.ndarray, "..."], shape: tuple[int, ...]
-) -> Float32[np.ndarray, "..."]:
-    """Sums of products at all lags within the reach."""
-    size = _padded(shape)
-    every = np.asarray(fft.irfft2(spectra, s=size), np.float32)
-    reach = np.arange(-REACH_PX, REACH_PX + 1)
-    return every[..., reach[:, None], reach[None, :]]
+def _lags(planes: Layers) -> Float32[np.ndarray, "layers layers lags lags"]:
+    """Sums of products of all planes at all lags within the reach; nought beyond their edges."""
+    count, rows, columns = planes.shape
+    wide = np.pad(planes, ((0, 0), (REACH_PX, REACH_PX), (REACH_PX, REACH_PX)))
+    side = 2 * REACH_PX + 1
+    flat = planes.reshape(count, -1)
+    half: list[Float32[np.ndarray, "layers layers"]] = []
+    for lag in range(side * side // 2 + 1):
+        row, column = divmod(lag, side)
+        moved = wide[:, row : row + rows, column : column + columns]
+        half.append(moved.reshape(count, -1) @ flat.T)
+    # Two planes at one lag are the same two, changed over, at the opposite one.
+    every = np.stack([*half, *(one.T for one in half[-2::-1])], axis=-1)
+    return every.reshape(count, count, side, side)

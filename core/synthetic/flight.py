@@ -6,7 +6,14 @@ import numpy as np
 
 from core.arrays import Affine2, FilmPoints, ObjectPoints, PixelPoints, Scalars, locked
 from core.geometry.camera import Camera
-from core.geometry.collinearity import Atmosphere, atmosphere_of, film_from_object, object_from_film
+from core.geometry.collinearity import (
+    Atmosphere,
+    atmosphere_of,
+    film_from_object,
+    object_from_film,
+    object_on_rays,
+    rays_from_film,
+)
 from core.geometry.exterior import ExteriorOrientation
 from core.synthetic.options import Scale, SyntheticOptions, seeded
 from core.synthetic.random_surfaces import Bounds, Terrain, make_terrain
@@ -58,16 +65,16 @@ class Exposure:
         self, pixels: PixelPoints, terrain: Terrain, camera: Camera
     ) -> ObjectPoints:
         """Where the rays of scan pixels meet the terrain, to a tenth of a millimetre."""
-        film = self.film(pixels)
+        rays = rays_from_film(self.film(pixels), self.exterior, camera, self.atmosphere)
         heights = np.full(len(pixels), float(np.mean(terrain.coefficients)))
         for _ in range(40):
-            ground = object_from_film(film, heights, self.exterior, camera, self.atmosphere)
+            ground = object_on_rays(rays, heights, self.exterior, self.atmosphere)
             fresh = terrain.heights(ground[:, :2])
             step = float(np.max(np.abs(fresh - heights), initial=0.0))
             heights = fresh
             if step < 1e-4:
                 break
-        return object_from_film(film, heights, self.exterior, camera, self.atmosphere)
+        return object_on_rays(rays, heights, self.exterior, self.atmosphere)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
