@@ -52,7 +52,9 @@ def view(state: sheet.State) -> sheet.View:
     shapes += [sheet.shape("crosses", [place], "given", f"{i}") for i, place in places]
     scene = sheet.Canvas("scene", (-100, -100, 150, 1000, 1800, 450), tuple(shapes))
     rms = [np.sqrt(np.mean(np.sum((one.moved(model) - target) ** 2, axis=1))) for one in fits]
-    plot = sheet.Plot("n", "error", (sheet.curve("error", counts, rms),))
+    plot = sheet.Plot(
+        "n", "error", (sheet.curve("error", counts, rms),), (count, float(rms[count - 3]))
+    )
     symbols: dict[str, sheet.Number | sheet.Block] = {
         "X_1": sheet.block(laid[0], 1, "m"),
         "λ": sheet.Number(shown.scale, 4),
@@ -60,7 +62,11 @@ def view(state: sheet.State) -> sheet.View:
         "x_1": sheet.block(model[0], 1),
         "X_0": sheet.block(shift, 1, "m"),
     }
-    return sheet.View(figures, (scene,), symbols, plot)
+    solved = dict(zip(NAMES, found, strict=True)) if state["solve"] else {}
+    return sheet.View(
+        figures, (scene,), symbols, plot, idle=dict.fromkeys(solved, "solve"),
+        in_force={name: round(value, 2) for name, value in solved.items()},
+    )  # fmt: skip
 
 
 def ask(rng: np.random.Generator) -> sheet.Asked:
@@ -76,7 +82,7 @@ LESSON = sheet.Lesson(
     "f",
     (
         sheet.Slider("scale", -8, 8, 0, 0.02, "%"), *TURNS, sheet.Slider("solve", 0, 1, 0, 1),
-        sheet.Slider("n", 3, len(GROUND), 5, 1), sheet.Slider("times", 1, 200, 1, 1),
+        sheet.Slider("n", 3, len(GROUND), 5, 1), sheet.Slider("times", 1, 2000, 1, 1),
         sheet.NOISE, sheet.SEED,
     ),
     view,

@@ -100,7 +100,12 @@ def view(state: sheet.State) -> sheet.View:
         "R": sheet.block(shown.rotation, 5),
         "σ_i": sheet.Number(1e6 * float(coplanarity_sigma(rays, shown)[worst]), 3, "·10⁻⁶/µm"),
     }
-    return sheet.View(figures, (canvas, scene(first, second, shown)), symbols)
+    solved = elements_of(found, truth) if state["solve"] else {}
+    return sheet.View(
+        figures, (canvas, scene(first, second, shown)), symbols,
+        idle=dict.fromkeys(solved, "solve"),
+        in_force={name: round(one.value, 2) for name, one in solved.items()},
+    )  # fmt: skip
 
 
 def scene(first: FilmPoints, second: FilmPoints, shown: RelativeOrientation) -> sheet.Canvas:

@@ -108,7 +108,8 @@ function leaf(text, { plain, symbols }) {
   }
   const known = symbols[text];
   if (Array.isArray(known)) return plain ? symbol(text) : matrix(known);
-  const made = plain || !known ? symbol(text) : math("mtext", told(known));
+  // As `mtext` it would be space, and a sign between two of them lose its room.
+  const made = plain || !known ? symbol(text) : math("mn", told(known));
   if (known?.hue !== undefined) made.setAttribute("class", `hue-${known.hue}`);
   return made;
 }

@@ -7,6 +7,7 @@ const EDGE = 8;
 const ROW = 17; // of the names above the curves
 const GAP = 14; // between them
 const TICKS = 5;
+const DIGITS = 6; // most decimal places of a tick
 
 /**
  * @param {HTMLElement} room @param {LessonPlot | null} plot @param {(key: string) => string} text
@@ -98,8 +99,8 @@ function rangeOf(values, nought) {
   const room = nought ? 0.06 * (high - low) : 0;
   const least = low < 0 ? low - room : low;
   const most = high > 0 ? high + room : high;
-  // What is nought everywhere has an axis all the same.
-  return most > least ? { low: least, high: most, size: most - least }
+  // What is nought everywhere, but for rounding, has an axis all the same.
+  return most - least > TICKS * 10 ** -DIGITS ? { low: least, high: most, size: most - least }
     : { low: least, high: least + 1, size: 1 };
 }
 
@@ -126,6 +127,6 @@ function ticks({ low, high, size }) {
 
 /** @param {number} value @param {{ size: number }} range */
 function plain(value, { size }) {
-  const digits = Math.max(0, Math.min(6, -Math.floor(Math.log10(stepOf(size)) + 1e-9)));
+  const digits = Math.max(0, Math.min(DIGITS, -Math.floor(Math.log10(stepOf(size)) + 1e-9)));
   return told({ value, digits, unit: "", truth: null });
 }

@@ -182,7 +182,11 @@ function showValue(name, value) {
   }
 }
 
+/** The truth of what is to be tried again is hidden with it. */
 function reset() {
+  state.truth = false;
+  const shown = document.getElementById("truth");
+  if (shown) turn(shown, false);
   for (const { name, start: opening } of state.lesson.sliders) set(name, opening);
 }
 
