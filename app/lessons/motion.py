@@ -79,7 +79,7 @@ LESSON = sheet.Lesson(
         sheet.Slider("n", 100, 700, 180, 5, "km/h", "n"),
         sheet.Slider("shutter", 25, 1000, 200, 5),
         sheet.Slider("c", 85, 310, 152, 1, "mm", "f"),
-        sheet.Slider("H", 500, 8000, 1520, 10, "m"),
+        sheet.Slider("H", 500, 8000, 1520, 10, "m", "H_g"),
     ),
     view,
     (sheet.Equation("M", sheet.over(sheet.row("k", "*", "n", "*", "t", "*", "f"), "H_g")),),

@@ -237,6 +237,24 @@ def test_what_moves_nothing_is_shut_and_says_why__law(learn):
     assert wrong == []
 
 
+def test_least_squares_shows_what_it_found_and_gives_the_hand_its_own_back__law(learn):
+    page, wrong = learn("relative")
+    omega = page.locator("#slider-omega")
+    omega.fill("0.5")
+    for _ in range(2):
+        page.locator("#slider-solve").click()
+        settled(page)
+        figure = page.locator("[data-figure=omega]").get_attribute("data-value")
+        assert float(omega.input_value()) == pytest.approx(float(figure), abs=0.006)
+    assert (omega.is_enabled(), omega.input_value()) == (True, "0.5")
+    page.locator("#truth").click()
+    page.wait_for_selector("[data-figure=omega] em")
+    page.locator("#reset").click()
+    page.wait_for_selector("[data-figure=omega] em", state="detached")
+    assert not page.evaluate("gruber.state.truth")
+    assert wrong == []
+
+
 def test_the_truth_is_shown_on_demand_and_a_link_keeps_the_state__law(learn, lessons):
     page, _ = learn("stereo")
     assert page.locator("[data-figure=height]").count() == 0

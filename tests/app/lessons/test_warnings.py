@@ -1,9 +1,11 @@
 """What a drawing, its figures and its warning say of one state is the same."""
 
+from types import ModuleType
+
 import numpy as np
 import pytest
 
-from app.lessons import corrections, interior, resection, stereo, tilt
+from app.lessons import absolute, corrections, interior, relative, resection, stereo, tilt
 from app.lessons.photo import HALF_MM
 from app.lessons.sheet import Lesson, View
 
@@ -82,3 +84,25 @@ def test_points_that_fix_nothing_are_warned_of__law() -> None:
     line = {f"y{i}": 0.0 for i in range(1, 5)} | {"relief": 0.0}
     assert shown(resection.LESSON, **line).warning == "undetermined"
     assert shown(resection.LESSON).warning == ""
+
+
+@pytest.mark.parametrize("module", [relative, absolute])
+def test_what_least_squares_finds_is_not_moved_and_shown_as_found__law(module: ModuleType) -> None:
+    hand = shown(module.LESSON, omega=1.0)
+    assert not hand.idle
+    found = shown(module.LESSON, omega=1.0, solve=1.0)
+    assert set(found.idle) == set(found.in_force) == set(module.NAMES)
+    for name, value in found.in_force.items():
+        assert value == pytest.approx(found.figures[name].value, abs=0.005)
+        # By hand nothing of it is seen; noise leaves it near what was put in.
+        assert value == pytest.approx(found.figures[name].truth, abs=0.05)
+
+
+def test_the_plot_marks_the_known_points_in_use__law() -> None:
+    for count in (3, 8):
+        plot = shown(absolute.LESSON, n=count).plot
+        assert plot is not None
+        assert plot.at in plot.curves[0].points or list(plot.at or ()) in plot.curves[0].points
+        assert plot.at is not None
+        assert plot.at[0] == count
+        assert list(plot.at) in plot.curves[0].points
