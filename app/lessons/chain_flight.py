@@ -13,7 +13,7 @@ from jaxtyping import Float64
 from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from app.lessons.flight import C_MM, SCALE, Flight, Plan, flown, observed, on_hills
+from app.lessons.flight import C_MM, KEPT, SCALE, Flight, Plan, flown, observed, on_hills
 from app.lessons.photo import HALF_MM, PIXEL_MM
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
@@ -86,9 +86,6 @@ BEYOND_M = 1500.0
 NODES = 12
 """Rays a side that are followed to the ground of a window."""
 PLAN = Plan(2, 3, TIES, NOISE_PX, 1)
-# design: a class of thirty with two flights each; a flight's searches take half a megabyte.
-KEPT = 60
-"""Flights of which is kept what was found."""
 PHOTOS, SEARCHES = 6, 28
 """Of a flight."""
 HELD = AdjustmentOptions(estimate_cameras=False)

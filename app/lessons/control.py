@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from app.lessons import sheet
-from app.lessons.flight import LOOSE, Flight, Plan, fly
+from app.lessons.flight import KEPT, LOOSE, Flight, Plan, fly
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.equations import nine_places
@@ -61,7 +61,7 @@ class AdjustedFlight:
     """Whether control and ties hold it, without the rough orientations."""
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT)
 def adjusted(
     noise_px: float, seed: int, count: int, where: tuple[float, float, float], sigma_m: float
 ) -> AdjustedFlight:

@@ -20,6 +20,9 @@ FORWARD, ACROSS = 0.6, 0.25
 """Overlaps along and across the strips."""
 MARGIN_PX = 330.0
 LOOSE = ExteriorPrior(np.full(3, 100.0), np.full(3, 0.1))
+# design: a class of thirty, each with the flight it had before.
+KEPT = 60
+"""Flights of a lesson of which is kept what was found."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +69,7 @@ def on_hills(plan: Matrix, relief_m: float = 40.0) -> ObjectPoints:
     return np.column_stack([plan, 300 + relief_m * np.sin(east / 900) * np.cos(north / 1100)])
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=KEPT)
 def flown(plan: Plan) -> dict[str, Photo]:
     """The photos of a flight, tilted by a degree or so."""
     rng, side = np.random.default_rng(plan.seed), round(2 * HALF_MM / PIXEL_MM)

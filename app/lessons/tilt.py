@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float64
 
 from app.lessons import sheet, space
 from app.lessons.photo import HALF_MM, camera_with, tilted_at, vertical_at
@@ -202,15 +203,18 @@ def ground_squares(exterior: ExteriorOrientation, c: float, edge: float) -> list
             gaps = [np.linalg.norm(one - here, axis=1) for one in (east, north)]
             # Beyond the drawing, so that a line ends nowhere within it.
             seen = (np.minimum(*gaps) > NARROW_MM) & (np.abs(here).max(axis=1) < 3 * edge)
-            rows = np.where(seen[:, None], here, np.nan).reshape(*at.shape, 2)
-            found += [one for one in map(straight_line, rows) if one is not None]
+            found += straight_lines(here.reshape(*at.shape, 2), seen.reshape(at.shape))
     return found
 
 
-def straight_line(film: FilmPoints) -> sheet.Shape | None:
-    """The line through film points that lie on one; none where fewer than two are seen."""
-    kept = film[np.isfinite(film).all(axis=1)]
-    return sheet.shape("line", kept[[0, -1]], "faint") if len(kept) > 1 else None
+def straight_lines(
+    film: Float64[np.ndarray, "lines points 2"], seen: Bool[np.ndarray, "lines points"]
+) -> list[sheet.Shape]:
+    """Rows of film points that lie on a line each, from the first to the last that is seen."""
+    rows = np.flatnonzero(seen.sum(axis=1) > 1)
+    first, last = seen[rows].argmax(axis=1), seen[rows, ::-1].argmax(axis=1)
+    ends = np.stack([film[rows, first], film[rows, seen.shape[1] - 1 - last]], axis=1)
+    return [sheet.shape("line", both, "faint") for both in ends]
 
 
 def horizon(

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from app.lessons import sheet, space
-from app.lessons.flight import ABOVE_M, C_MM, LOOSE, Flight, Plan, fly, on_hills
+from app.lessons.flight import ABOVE_M, C_MM, KEPT, LOOSE, Flight, Plan, fly, on_hills
 from app.lessons.photo import PIXEL_MM
 from core.adjustment.accuracy import intersect_checks
 from core.adjustment.adjusted import AdjustmentOptions
@@ -56,7 +56,7 @@ class Layout:
     """Standard deviation of a known point."""
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=KEPT)
 def observed(layout: Layout) -> Flight:
     """The flight with all its control."""
     plan = Plan(
@@ -66,7 +66,7 @@ def observed(layout: Layout) -> Flight:
     return fly(plan, CONTROL, layout.control_m)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=KEPT)
 def models_of(layout: Layout) -> tuple[StereoModel, ...]:
     """Its models; what is known of their points comes later."""
     return form_models(observed(layout).block, np.random.default_rng(layout.seed))
@@ -86,20 +86,19 @@ def with_control(block: Block, count: int, gnss: bool, seed: int) -> Block:
     return replace(block, surveyed=kept, measurements=measured).with_photos(told)
 
 
-def errors_of(state: sheet.State) -> tuple[Flight, Matrix | None]:
+@lru_cache(maxsize=KEPT)
+def errors_of(
+    layout: Layout, count: int, method: int, about: int, *, gnss: bool
+) -> tuple[Flight, Matrix | None]:
     """Estimated minus true places of the ties (E, N, height), NaN where a method has none.
 
     None where the method cannot be done with so little control.
     """
-    layout = Layout(
-        state["noise"], int(state["seed"]), state["relief"], state["tilt"], state["known"]
-    )
     flight = observed(layout)
-    count, method = int(state["control"]), int(state["method"])
-    block = with_control(flight.block, count, bool(state["gnss"]), layout.seed)
+    block = with_control(flight.block, count, gnss, layout.seed)
     off = np.full((len(flight.ties), 3), np.nan)
     if method == 1:
-        found = triangulate_radially(block, RADIAL[int(state["about"]) - 1])
+        found = triangulate_radially(block, RADIAL[about - 1])
         if isinstance(found, Failure):
             return flight, None
         off[found.numbers, :2] = found.places - flight.ties[found.numbers, :2]
@@ -138,8 +137,13 @@ def ties_as_checks(block: Block, flight: Flight) -> Block:
 
 def view(state: sheet.State) -> sheet.View:
     """Errors of the ties over the block, and along the strips."""
-    flight, off = errors_of(state)
+    layout = Layout(
+        state["noise"], int(state["seed"]), state["relief"], state["tilt"], state["known"]
+    )
     count = int(state["control"])
+    flight, off = errors_of(
+        layout, count, int(state["method"]), int(state["about"]), gnss=bool(state["gnss"])
+    )
     frames = [
         np.array(footprint(photo, flight.block.cameras["lesson"]).exterior.coords)
         for photo in flight.photos.values()

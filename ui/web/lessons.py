@@ -12,6 +12,9 @@ from ui.web.running import fresh_json, json_of, told
 MOST_SLIDERS = 60
 ATTEMPT = {"lesson": str, "which": int, "seed": int, "when": str, "state": dict}
 """What the page kept of each answer, beside the answer itself."""
+# design: twice what the slowest lesson of ours takes.
+PATIENCE_S = 1.0
+"""What takes longer, such as a lesson of somebody's own, makes room for the others."""
 TIPS = "A lesson's name, and its values as numbers, are expected."
 
 
@@ -41,6 +44,7 @@ class Teacher(Protocol):
 
 def lesson_routes(teacher: Teacher, hide_truth: bool = False) -> tuple[web.RouteDef, ...]:
     """Addresses of the page; guests may do all of it, but see no truth where it is hidden."""
+    turn = asyncio.Lock()
 
     def may_see(request: web.Request) -> bool:
         return not (hide_truth and is_guest(request))
@@ -56,18 +60,18 @@ def lesson_routes(teacher: Teacher, hide_truth: bool = False) -> tuple[web.Route
         state = cast("dict[str, Any]", values)
         truth = asked.get("truth") is True and may_see(request)
         name = request.match_info["name"]
-        return await _aside(lambda: teacher.view(name, state, truth))
+        return await _aside(lambda: teacher.view(name, state, truth), turn)
 
     async def question(request: web.Request) -> web.StreamResponse:
         name, which, seed = await _numbered(request)
-        return await _aside(lambda: teacher.question(name, which, seed))
+        return await _aside(lambda: teacher.question(name, which, seed), turn)
 
     async def answer(request: web.Request) -> web.StreamResponse:
         name, which, seed = await _numbered(request)
         given = (await json_of(request)).get("answer")
         if given is not None and not isinstance(given, int | float):
             raise web.HTTPBadRequest(text=TIPS)
-        return await _aside(lambda: teacher.judge(name, which, seed, given))
+        return await _aside(lambda: teacher.judge(name, which, seed, given), turn)
 
     async def table(request: web.Request) -> web.StreamResponse:
         asked = await json_of(request)
@@ -105,6 +109,9 @@ def _are_attempts(given: object) -> TypeGuard[list[dict[str, Any]]]:
     )
 
 
-async def _aside(work: Callable[[], dict[str, Any]]) -> web.Response:
-    """Work in a thread of its own, so that one student does not wait for another."""
-    return await asyncio.to_thread(told, work)
+async def _aside(work: Callable[[], dict[str, Any]], turn: asyncio.Lock) -> web.Response:
+    """Work in a thread, one after another: side by side Python would make all of them late."""
+    async with turn:
+        done = asyncio.create_task(asyncio.to_thread(told, work))
+        await asyncio.wait({done}, timeout=PATIENCE_S)
+    return await done

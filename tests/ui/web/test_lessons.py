@@ -1,9 +1,13 @@
 """Addresses of the lessons: states are checked, guests may learn, errors are told."""
 
+import asyncio
+import threading
+
 import pytest
 
 from core.errors import ScanError
 from tests.ui.web.visits import visited
+from ui.web import lessons
 from ui.web.lessons import MOST_SLIDERS, lesson_routes
 
 ATTEMPT = {"lesson": "relief", "which": 0, "seed": 1, "when": "now", "state": {}, "answer": None}
@@ -79,6 +83,53 @@ def test_hidden_truth_reaches_the_teacher_and_no_student__law(guest, seen):
     )  # fmt: skip
     assert found[0][1]["truth"] is seen
     assert asked == [("relief", {}, seen)]
+
+
+class SlowTeacher(Teacher):
+    """Counts the views at work; the one named `slow` lasts until another was asked for after it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.at_work, self.most = 0, 0
+        self.begun, self.other = threading.Event(), threading.Event()
+
+    def view(self, name, values, truth):
+        self.at_work += 1
+        self.most = max(self.most, self.at_work)
+        self.begun.set()
+        if name == "slow":
+            assert self.other.wait(30)
+        else:
+            self.other.set()
+        self.at_work -= 1
+        return super().view(name, values, truth)
+
+
+def test_views_take_turns__law():
+    teacher = SlowTeacher()
+
+    async def visit(client):
+        asked = (client.post("/lesson/relief", json={"state": {"h": i}}) for i in range(8))
+        return [answer.status for answer in await asyncio.gather(*asked)]
+
+    assert visited(lesson_routes(teacher), visit, True) == [200] * 8
+    assert teacher.most == 1
+
+
+def test_a_slow_lesson_holds_up_nobody__law(monkeypatch):
+    monkeypatch.setattr(lessons, "PATIENCE_S", 0.1)
+    teacher = SlowTeacher()
+
+    async def visit(client):
+        slow = asyncio.create_task(client.post("/lesson/slow", json={"state": {}}))
+        assert await asyncio.to_thread(teacher.begun.wait, 30)
+        return [
+            (await client.post("/lesson/relief", json={"state": {}})).status,
+            (await slow).status,
+        ]
+
+    assert visited(lesson_routes(teacher), visit, True) == [200, 200]
+    assert [name for name, *_ in teacher.asked] == ["relief", "slow"]
 
 
 def test_a_table_of_answers_is_made_by_the_engine__law():
