@@ -1,5 +1,6 @@
 """What all tests share: real data beside the checkout, one BLAS thread, one tiny block."""
 
+import gc
 import os
 import shutil
 import subprocess
@@ -40,6 +41,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     long = {item.path for item in items if item.get_closest_marker("slow")}
     long |= {item.path for item in items if LONG & {item.path.parent.name, item.path.stem}}
     items.sort(key=lambda item: item.path not in long)
+
+
+def pytest_collection_finish() -> None:
+    """Modules and tests stay to the end: the garbage collector need not look through them again."""
+    gc.freeze()
 
 
 @pytest.hookimpl(tryfirst=True)
