@@ -16,6 +16,7 @@ from app.misfit import COLUMNS, PLACES, PRODUCT, TABLE, known_places, level_sigm
 from core.geometry.robust import robust_sigma
 from core.raster.dem import level_ground
 from sessions.checks import version_on_disk
+from sessions.decisions import Place
 from sessions.products import Products, digest_of
 from sessions.session import Session
 from tests.tiny import Tiny
@@ -23,12 +24,15 @@ from tests.tiny import Tiny
 
 @pytest.fixture(scope="module")
 def shifted(tiny_run: Tiny, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The block with its reference three metres further east, and a report of it."""
+    """One photo drawn off the reference: somebody placed its control six pixels too far right."""
     folder = tmp_path_factory.mktemp("shifted") / "block"
     shutil.copytree(tiny_run.folder, folder)
-    for sheet in sorted((folder / "ortho").glob("*.tif")):
-        with rasterio.open(sheet, "r+") as file:
-            file.transform = Affine.translation(3, 0) @ file.transform
+    with Session.open(folder, "ada") as session:
+        block = session.products.latest_value("adjustment").block
+        for point, photo in block.measurements:
+            one = block.measurements[point, photo]
+            if photo == tiny_run.names[0] and one.used and block.surveyed[point].role == "control":
+                session.record(Place(point, photo, one.column + 6.0, one.row))
     assert main(["report", str(folder)]) == DONE
     return folder
 
