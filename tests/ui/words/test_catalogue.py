@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -271,9 +272,11 @@ class Module:
                     yield value, names.index(name)
 
 
-def engine_texts() -> Iterator[tuple[str, ast.expr]]:
+@cache
+def engine_texts() -> tuple[tuple[str, ast.expr], ...]:
     """Where a doubt, a failure, a measurement or an error is made: what is told."""
     kinds = {kind.__name__ for kind in PhotogrammetryError.__subclasses__()}
+    found: list[tuple[str, ast.expr]] = []
     for path in code_of("app", "core", "sessions", "ui"):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         module = Module(tree)
@@ -284,12 +287,13 @@ def engine_texts() -> Iterator[tuple[str, ast.expr]]:
                 told = [node.args[n] for n in MESSAGES.get(name, (1, 2)) if n < len(node.args)]
                 told += [one.value for one in node.keywords if one.arg in ("message", "reason")]
                 for one in (text for argument in told for text in module.texts(argument)):
-                    yield f"{path.relative_to(HOME)}:{one.lineno}", one
+                    found.append((f"{path.relative_to(HOME)}:{one.lineno}", one))
+    return tuple(found)
 
 
 @pytest.mark.parametrize("language", LANGUAGES[1:])
 def test_doubts_failures_and_errors_are_known_in_every_language__law(language: str) -> None:
-    found = list(engine_texts())
+    found = engine_texts()
     assert len(found) > 200
     # `say` keeps template and figures: an f-string would be English for ever.
     built = [where for where, one in found if isinstance(one, ast.JoinedStr | ast.BinOp)]
