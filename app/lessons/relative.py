@@ -125,7 +125,8 @@ def scene(first: FilmPoints, second: FilmPoints, shown: RelativeOrientation) -> 
         shapes.append(sheet.shape("line", ends, "bad"))
         shapes.append(sheet.shape("dots", ends, "bad"))
     edge = 1.1 * SIDE_M
-    box = (-0.4 * BASE_M, -edge, 0.0, 1.4 * BASE_M, edge, 1.05 * ABOVE_M)
+    # Lower than the ground, which buttons would hide else.
+    box = (-0.4 * BASE_M, -edge, -0.25 * ABOVE_M, 1.4 * BASE_M, edge, 1.05 * ABOVE_M)
     return sheet.Canvas("scene", box, tuple(shapes))
 
 
