@@ -8,6 +8,7 @@ import numpy as np
 from app.lessons import sheet
 from core.literature.baselines import OPERATORS
 from core.literature.one_window import Kind, measure_of
+from core.matching.operators import Operator
 from core.matching.peaks import Image, ScoreMap, detect_peaks
 
 NAMES = ("ncc", "gradient", "cfog", "sift", "orb")
@@ -58,19 +59,23 @@ def junction_lines() -> list[int]:
     return list(range(FIELD_M, SIDE, FIELD_M))
 
 
-def surface(state: sheet.State, place: tuple[int, int]) -> ScoreMap:
-    """Likeness of the patch at every place of its window in the old photo."""
+def cut_out(state: sheet.State, place: tuple[int, int]) -> tuple[Image, Image]:
+    """The old photo as far as the patch is moved over it, and the patch."""
     ortho, photo = pictures(
         state["changed"] / 100, state["grain"], state["turn"], int(state["seed"])
     )
-    operator = OPERATORS[NAMES[int(state["operator"]) - 1]]
     inner, half = int(state["size"]) // 2, int(state["half"])
     reach = inner + half
     padded = cv2.copyMakeBorder(photo, reach, reach, reach, reach, cv2.BORDER_REFLECT)
     around = padded[place[1] : place[1] + 2 * reach + 1, place[0] : place[0] + 2 * reach + 1]
     wide = cv2.copyMakeBorder(ortho, inner, inner, inner, inner, cv2.BORDER_REFLECT)
     patch = wide[place[1] : place[1] + 2 * inner + 1, place[0] : place[0] + 2 * inner + 1]
-    around, patch = (np.ascontiguousarray(part) for part in (around, patch))
+    return np.ascontiguousarray(around), np.ascontiguousarray(patch)
+
+
+def surface(operator: Operator, around: Image, patch: Image) -> ScoreMap:
+    """Likeness of the patch at every place of its window in the old photo."""
+    inner = patch.shape[0] // 2
     return operator.scores(
         operator.of_scan(around, inner),
         operator.of_reference(patch, np.zeros_like(patch), inner),
@@ -87,12 +92,13 @@ def true_shift(state: sheet.State, place: tuple[int, int]) -> np.ndarray:
 
 
 def view(state: sheet.State) -> sheet.View:
-    """The surface of one junction as levels, its best peaks, and its profile through the truth."""
+    """Both pictures of one junction, the likeness as levels, its best peaks and its profile."""
     line = junction_lines()
     number = int(state["junction"]) - 1
     place = line[1 + number % 3], line[1 + number // 3]
-    scores = surface(state, place)
-    half = int(state["half"])
+    name, half = NAMES[int(state["operator"]) - 1], int(state["half"])
+    around, patch = cut_out(state, place)
+    scores = surface(OPERATORS[name], around, patch)
     shift = true_shift(state, place)
     peaks = detect_peaks(scores, SHOWN, APART_PX)
     spots = np.array([[p.column - half, half - p.row] for p in peaks]).reshape(-1, 2)
@@ -106,7 +112,7 @@ def view(state: sheet.State) -> sheet.View:
         sheet.shape("line", sheet.ellipse(truth[0], np.eye(2) * HIT_M**2), "truth"),
     )
     heights = [float(scores[round(p.row), round(p.column)]) for p in peaks]
-    measure = measure_of(NAMES[int(state["operator"]) - 1])
+    measure = measure_of(name)
     figures = likeness_told("best", float(scores.max()), measure) | {
         "miss": sheet.Number(float(np.hypot(*(best - shift))), 1, "m", secret=True),
     }
@@ -115,15 +121,53 @@ def view(state: sheet.State) -> sheet.View:
     row = int(np.clip(half + np.rint(shift[1]), 0, 2 * half))
     kind, times = measure
     profile = sheet.curve("row", np.arange(-half, half + 1), times * scores[row])
-    size = int(state["size"]) // 2 * 2 + 1
     symbols = {
-        "n": sheet.Number(size, 0, "px"),
+        "n": sheet.Number(len(patch), 0, "px"),
         "p": sheet.Number(chance(half), 4),
         "s": sheet.Number(half, 0, "m"),
         "d": sheet.Number(HIT_M, 0, "m"),
     }
-    canvas = sheet.Canvas("surface", (-edge, -edge, edge, edge), shapes)
-    return sheet.View(figures, (canvas,), symbols, sheet.Plot("x", kind, (profile,)))
+    equations = (CHANCE,)
+    if name == "ncc":
+        symbols |= correlated(around, patch, best + half) | {"q": figures["best"]}
+        equations = (NCC, CHANCE)
+    canvases = (
+        pictured("patch", patch, (sheet.shape("crosses", [(0, 0)], "given"),)),
+        pictured("photo", around, seen_at(best, len(patch) / 2, truth[0])),
+        sheet.Canvas("surface", (-edge, -edge, edge, edge), shapes),
+    )
+    plot = sheet.Plot("x", kind, (profile,))
+    return sheet.View(figures, canvases, symbols, plot, equations=equations)
+
+
+def correlated(around: Image, patch: Image, corner: np.ndarray) -> dict[str, sheet.Number]:
+    """What the correlation coefficient at a place is made of: covariance and deviations."""
+    column, row = corner.tolist()
+    part = around[row : row + len(patch), column : column + len(patch)]
+    (own, both), (_, other) = np.cov(patch.ravel(), part.ravel())
+    return {
+        "σ_oi": sheet.Number(float(both), 0),
+        "σ_o": sheet.Number(float(np.sqrt(own)), 1),
+        "σ_i": sheet.Number(float(np.sqrt(other)), 1),
+    }
+
+
+def pictured(name: str, image: Image, shapes: tuple[sheet.Shape, ...]) -> sheet.Canvas:
+    """A picture of a metre a pixel about its middle."""
+    half = len(image) / 2
+    window = (-half, -half, half, half)
+    return sheet.Canvas(name, window, shapes, picture=sheet.picture(image, window))
+
+
+def seen_at(best: np.ndarray, reach: float, truth: np.ndarray) -> tuple[sheet.Shape, ...]:
+    """Where the patch is most alike, and where it truly lies."""
+    middle = best * [1.0, -1.0]
+    rim = middle + reach * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
+    return (
+        sheet.shape("line", rim, "bad"),
+        sheet.shape("dots", [middle], "bad", "best"),
+        sheet.shape("line", sheet.ellipse(truth, np.eye(2) * HIT_M**2), "truth"),
+    )
 
 
 def likeness_told(rank: str, score: float, measure: tuple[Kind, float]) -> dict[str, sheet.Number]:
@@ -165,6 +209,14 @@ def ask(rng: np.random.Generator) -> sheet.Asked:
     return sheet.Asked({"s": half, "d": HIT_M, "n": count}, count * chance(half))
 
 
+NCC = sheet.Equation("q", sheet.over("σ_oi", sheet.row("σ_o", "*", "σ_i")))
+CHANCE = sheet.Equation(
+    "p",
+    sheet.over(
+        sheet.row("π", "*", sheet.power("d", "2")),
+        sheet.power(["fence", sheet.row("2", "*", "s")], "2"),
+    ),
+)
 LESSON = sheet.Lesson(
     "matching",
     "j",
@@ -179,15 +231,7 @@ LESSON = sheet.Lesson(
         sheet.SEED,
     ),
     view,
-    (
-        sheet.Equation(
-            "p",
-            sheet.over(
-                sheet.row("π", "*", sheet.power("d", "2")),
-                sheet.power(["fence", sheet.row("2", "*", "s")], "2"),
-            ),
-        ),
-    ),
+    (NCC, CHANCE),
     (sheet.Question("chance", "", 0.3, ask),),
     hides_truth=True,
 )

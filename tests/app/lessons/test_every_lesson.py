@@ -428,6 +428,15 @@ def test_unchanged_ground_is_found_by_all_and_changed_ground_by_edges__truth() -
     assert hits(3, 100) > hits(1, 100)
 
 
+@pytest.mark.parametrize("state", [{}, {"changed": 100, "grain": 40}, {"size": 11, "turn": -7}])
+def test_the_formula_of_correlation_gives_what_the_engine_says__law(state) -> None:
+    lesson = LESSONS["matching"]
+    view = lesson.view(lesson.start | state)
+    both, own, other = (view.symbols[name].value for name in ("σ_oi", "σ_o", "σ_i"))
+    assert both / (own * other) == pytest.approx(view.figures["best"].value, abs=1e-4)
+    assert lesson.view(lesson.start | state | {"operator": 3}).equations == lesson.equations[1:]
+
+
 def test_a_state_without_a_picture_is_refused_in_words__law() -> None:
     def view(state: sheet.State) -> sheet.View:
         raise ZeroDivisionError(str(state))
