@@ -17,10 +17,15 @@ LOOKS: dict[str, sheet.Look] = {"refraction": "estimate", "curvature": "bad", "l
 GRID = np.linspace(-0.9 * HALF_MM, 0.9 * HALF_MM, 7)
 
 
+def lens_k1(state: sheet.State) -> float:
+    """The lens's k1, per square millimetre."""
+    return state["lens"] / 1000 / 100.0**3
+
+
 def moves_um(radius_mm: Scalars, state: sheet.State) -> dict[str, Scalars]:
     """Refraction and lens outwards, curvature inwards, micrometres; below the ground the lens."""
-    k1 = state["lens"] / 1000 / 100.0**3
-    lens = radius_mm * (radial_factor(radius_mm**2, camera_with(state["c"], k1)) - 1) * 1000
+    camera = camera_with(state["c"], lens_k1(state))
+    lens = radius_mm * (radial_factor(radius_mm**2, camera) - 1) * 1000
     above = state["H"] - state["h"]
     if above <= 0:
         return {"lens": lens}
@@ -46,7 +51,9 @@ def view(state: sheet.State) -> sheet.View:
     curves = [sheet.curve(name, radii, part, LOOKS[name]) for name, part in parts.items()]
     plot = sheet.Plot("r", "moves", tuple(curves), (state["r"], total))
     figures = {name: sheet.Number(value, 1, "µm") for name, value in here.items()}
-    canvases, symbols = (film(state, arrows),), heights(state)
+    canvases = (film(state, arrows),)
+    lens = sheet.Number(1e8 * lens_k1(state), 1, "·10⁻⁸/mm²")
+    symbols = heights(state) | {"Δr_l": figures["lens"], "k_1": lens}
     if "curvature" not in figures:
         return sheet.View(figures, canvases, symbols, plot, warning="below")
     whole = sheet.curve("sum", radii, np.sum(list(parts.values()), axis=0), "given")
@@ -62,7 +69,9 @@ def view(state: sheet.State) -> sheet.View:
         "K": sheet.Number(1e6 * refraction_constant(state["H"], state["h"]), 1, "·10⁻⁶"),
         "Δr_a": figures["refraction"],
     }
-    return sheet.View(figures, canvases, symbols, plot)
+    # Four of the five find room: without a lens that of the air, with one that of the lens.
+    equations = (*BOTH, LENS) if state["lens"] else (BELOW, *BOTH)
+    return sheet.View(figures, canvases, symbols, plot, equations=equations)
 
 
 def heights(state: sheet.State) -> dict[str, sheet.Number]:
@@ -117,6 +126,15 @@ EARTH = sheet.over(
     sheet.row(sheet.fence(sheet.row("H", "−", "h")), "*", sheet.power("r", "3")),
     sheet.row("2", "*", "R", "*", sheet.power("c", "2")),
 )
+BELOW, LENS = (
+    sheet.Equation("K_H", AIR),
+    sheet.Equation("Δr_l", sheet.row("k_1", "*", sheet.power("r", "3"))),
+)
+BOTH = (
+    sheet.Equation("K", sheet.row("K_H", "−", "K_h", "*", sheet.over("h", "H"))),
+    sheet.Equation("Δr_a", sheet.row("K", "*", RADIAL)),
+    sheet.Equation("Δr_e", sheet.row("−", EARTH)),
+)
 LESSON = sheet.Lesson(
     "corrections",
     "b",
@@ -129,11 +147,6 @@ LESSON = sheet.Lesson(
         sheet.Slider("times", 100, 2000, 500, 100),
     ),
     view,
-    (
-        sheet.Equation("K_H", AIR),
-        sheet.Equation("K", sheet.row("K_H", "−", "K_h", "*", sheet.over("h", "H"))),
-        sheet.Equation("Δr_a", sheet.row("K", "*", RADIAL)),
-        sheet.Equation("Δr_e", sheet.row("−", EARTH)),
-    ),
+    (BELOW, *BOTH),
     (sheet.Question("curvature", "µm", 2.0, ask_curvature, 0, signed=True),),
 )
