@@ -70,7 +70,7 @@ def view(state: sheet.State) -> sheet.View:
         "Δr_a": figures["refraction"],
     }
     # Four of the five find room: without a lens that of the air, with one that of the lens.
-    equations = (*BOTH, LENS) if state["lens"] else (BELOW, *BOTH)
+    equations = (LENS, *BOTH) if state["lens"] else (BELOW, *BOTH)
     return sheet.View(figures, canvases, symbols, plot, equations=equations)
 
 

@@ -171,3 +171,11 @@ def test_a_camera_of_which_nothing_is_known_has_no_covariance__law() -> None:
     lesson = LESSONS["resection"]
     together = {f"{axis}{number}": 0.0 for axis in "xy" for number in range(1, 5)}
     assert "Σ" not in lesson.view(state_of(lesson, together)).symbols
+
+
+def test_the_last_formula_of_lesson_b_is_that_of_its_question__law() -> None:
+    """The hint names it so, with and without a lens."""
+    lesson = LESSONS["corrections"]
+    for lens in (-30, 0, 10):
+        view = lesson.view(lesson.start | {"lens": lens})
+        assert (view.equations or lesson.equations)[-1].left == "Δr_e"
