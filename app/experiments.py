@@ -111,14 +111,8 @@ def open_ground(folder: Path) -> Ground:
     Raises:
         PhotogrammetryError: The block cannot be used, or has no truth.
     """
-    if not (folder / "block.toml").is_file():
-        raise ReferenceDataError(
-            folder,
-            "There is no block.",
-            "Make one with `gruber demo --headless`, or name another one with truth.",
-        )
+    truth = truth_of(folder)
     given = described(read_project(folder))
-    truth = read_truth(folder)
     scans = {scan.path.stem: scan.path for scan in given.scans if scan.path.stem in truth.photos}
     bare = open_reference(given.reference)
     level = bare.dem.mean_height()
@@ -138,6 +132,21 @@ def open_ground(folder: Path) -> Ground:
     )
     older = open_ortho([truth.archival_ortho], given.reference.crs)
     return Ground(given.name, truth, opened, reference, older, places, roads)
+
+
+def truth_of(folder: Path) -> Truth:
+    """The truth of a block.
+
+    Raises:
+        PhotogrammetryError: There is no block, or it has no truth.
+    """
+    if not (folder / "block.toml").is_file():
+        raise ReferenceDataError(
+            folder,
+            "There is no block.",
+            "Make one with `gruber demo --headless`, or name another one with truth.",
+        )
+    return read_truth(folder)
 
 
 def repaired(true: ExteriorOrientation, name: str) -> ExteriorOrientation:

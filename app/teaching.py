@@ -3,22 +3,34 @@
 import importlib.util
 import math
 import pkgutil
+import re
 import secrets
 import sys
 import threading
 import traceback
-from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Generator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NoReturn, cast, get_args
 
 import numpy as np
 
 from app import lessons
 from app.lessons import places
-from app.lessons.sheet import Lesson, LessonError, Question, Shape, Slider, State, View
+from app.lessons.sheet import (
+    Asked,
+    Kind,
+    Lesson,
+    LessonError,
+    Look,
+    Question,
+    Shape,
+    Slider,
+    State,
+    View,
+)
 from core.errors import PhotogrammetryError
 from core.formats.records import spreadsheet_bytes
 from core.said import say
@@ -65,12 +77,28 @@ def _one_more(own: Path, names: Collection[str]) -> Lesson:
     if lesson.name in names:
         wrong = say("has the name of a lesson of Gruber, {name}.", name=lesson.name)
         raise LessonError(own, wrong, "Give its LESSON another name.")
-    keys = text_keys(lesson)
+    with _faults_of(own):
+        keys = text_keys(lesson)
     for language, texts in lesson.texts.items() or {LANGUAGES[0]: {}}.items():
-        if missing := sorted(keys - set(texts)):
+        if missing := sorted((keys | choice_keys(lesson, texts)) - set(texts)):
             lacks = say("lacks texts ({language}): {keys}.", language=language, keys=missing)
             raise LessonError(own, lacks, "Write them into the texts of its LESSON.")
+        for one in lesson.questions:
+            numbers = one.ask(np.random.default_rng(0)).values
+            places = re.findall(r"\{(\w+)\}", texts[f"question.{one.name}"])
+            if unknown := sorted(set(places) - set(numbers)):
+                _misnamed(own, unknown)
     return lesson
+
+
+def choice_keys(lesson: Lesson, texts: Collection[str]) -> set[str]:
+    """The texts of all values of the sliders whose first value has one."""
+    return {
+        f"choice.{one.name}.{value:g}"
+        for one in lesson.sliders
+        if f"choice.{one.name}.{one.low:g}" in texts
+        for value in np.arange(one.low, one.high + one.step / 2, one.step)
+    }
 
 
 def text_keys(lesson: Lesson) -> set[str]:
@@ -118,12 +146,64 @@ def read_lesson(path: Path) -> Lesson:
     module = importlib.util.module_from_spec(spec)
     # Dataclasses of the file look their module up there.
     sys.modules[spec.name] = module
-    try:
+    with _faults_of(path):
         spec.loader.exec_module(module)
-        lesson = module.LESSON
-        lesson.view(lesson.start)
+        lesson = told_faults(module.LESSON, path)
+        plain(shown(lesson.view(lesson.start), truth=False))
         for question in lesson.questions:
             question.ask(np.random.default_rng(0))
+        Teacher({lesson.name: lesson}).listed(LANGUAGES[0])
+    for one in lesson.sliders:
+        if not one.low <= one.start <= one.high:
+            out = say("opens with {name} beyond its range.", name=one.name)
+            raise LessonError(path, out, "Start it between its least and greatest value.")
+    return lesson
+
+
+def told_faults(lesson: Lesson, path: Path) -> Lesson:
+    """A lesson of a file whose faults are told in each state, by line where they have one."""
+
+    def view(state: State) -> View:
+        with _faults_of(path, but=(ArithmeticError, np.linalg.LinAlgError)):
+            seen = lesson.view(state)
+            if unknown := unknown_names(lesson, seen):
+                _misnamed(path, unknown)
+            return seen
+
+    def told(question: Question) -> Question:
+        def ask(rng: np.random.Generator) -> Asked:
+            with _faults_of(path):
+                return question.ask(rng)
+
+        return replace(question, ask=ask)
+
+    return replace(lesson, view=view, questions=tuple(told(one) for one in lesson.questions))
+
+
+def unknown_names(lesson: Lesson, view: View) -> list[str]:
+    """What a view calls by a name that no slider, look or kind of shape has."""
+    named = {*view.idle, *view.in_force}
+    if view.plot is not None and view.plot.kinds:
+        named.add(view.plot.kinds)
+    shapes = [shape for canvas in view.canvases for shape in canvas.shapes]
+    unknown = named - {one.name for one in lesson.sliders}
+    unknown |= {shape.look for shape in shapes} - set(get_args(Look))
+    unknown |= {shape.kind for shape in shapes} - set(get_args(Kind))
+    return sorted(unknown)
+
+
+def _misnamed(path: Path, names: list[str]) -> NoReturn:
+    """Tell that nothing is called so."""
+    raise LessonError(path, say("uses names that nothing has: {names}.", names=names), REMEDY)
+
+
+@contextmanager
+def _faults_of(path: Path, but: tuple[type[Exception], ...] = ()) -> Generator[None]:
+    """Tell what breaks a lesson of a file, but for errors that somebody else tells."""
+    try:
+        yield
+    except but:
+        raise
     except (
         AssertionError,
         SyntaxError,
@@ -137,11 +217,6 @@ def read_lesson(path: Path) -> Lesson:
         RuntimeError,
     ) as error:
         raise LessonError(path, _why(error, path), REMEDY) from error
-    for one in lesson.sliders:
-        if not one.low <= one.start <= one.high:
-            out = say("opens with {name} beyond its range.", name=one.name)
-            raise LessonError(path, out, "Start it between its least and greatest value.")
-    return cast("Lesson", lesson)
 
 
 def _why(error: Exception, path: Path) -> str:

@@ -6,7 +6,7 @@ import webbrowser
 from pathlib import Path
 
 from app.block_toml import folder_of
-from app.experiments import EXPERIMENTS, Table, open_ground, write_log
+from app.experiments import EXPERIMENTS, Table, open_ground, truth_of, write_log
 from app.teaching import Teacher, find_lessons, open_teaching
 from app.terminal import Voice
 from ui.words.catalogue import Teller
@@ -18,6 +18,8 @@ def teach(given: argparse.Namespace, voice: Voice) -> None:
     if given.experiment:
         experiment(given.experiment, folder_of(block or Path("gruber-demo")), voice)
         return
+    if block is not None:
+        truth_of(folder_of(block))
     found = find_lessons(given.own, None if block is None else folder_of(block))
     if given.list:
         told = Teacher(found).listed(voice.tell.language)["words"]

@@ -100,6 +100,20 @@ def test_a_file_that_is_no_lesson_is_named_with_its_cause__law(
         ('    texts={"en": TEXTS},\n', "", "lacks texts (en): axis.s"),
         ("def ask(rng):", "def ask(rng):\n    assert rng is None", "AssertionError"),
         ('"sun", 10, 70, 30', '"sun", 10, 70, 80', "opens with sun beyond its range"),
+        ("(section,)", "section", "TypeError: 'Canvas' object is not iterable"),
+        ("    return sheet.View(", "    sheet.View(", "AttributeError: 'NoneType'"),
+        ('{"shadow": on_film}', '{"shadow": shadow_m}', "has no attribute 'secret'"),
+        ('tan", "e"))),),', 'tan", "e")))),', "TypeError: 'Equation' object is not iterable"),
+        ('"ground"),', '"grund"),', "uses names that nothing has: grund"),
+        ('shape("arrow"', 'shape("arow"', "uses names that nothing has: arow"),
+        ("on_film.value))\n", "on_film.value), 'lens')\n", "uses names that nothing has: lens"),
+        ("A shadow is {shadow} m", "A shadow is {shade} m", "uses names that nothing has: shade"),
+        ('    "slider.c":', '    "choice.c.85": "wide",\n    "slider.c":', "choice.c.100"),
+        (
+            "    sun = np.radians",
+            "    assert state['h'] < 99, 'high'\n    sun = np.radians",
+            "does not work in line 11: AssertionError: high",
+        ),
     ],
 )
 def test_a_lesson_that_hides_another_lacks_words_or_cannot_open_is_refused__law(
@@ -115,6 +129,34 @@ def test_a_lesson_that_hides_another_lacks_words_or_cannot_open_is_refused__law(
     assert told in " ".join(said.split())
     remedies = ("of its LESSON", "Give its LESSON", "Compare it with", "Start it between")
     assert any(remedy in " ".join(said.split()) for remedy in remedies)
+
+
+def test_a_folder_without_a_block_or_a_truth_is_told_before_the_page_opens__law(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["teach", str(tmp_path / "typo"), "--no-browser", "--port", "0"]) == 1
+    assert "There is no block" in " ".join(capsys.readouterr().err.split())
+    (tmp_path / "block.toml").write_text("", encoding="utf-8")
+    assert main(["teach", str(tmp_path), "--no-browser", "--port", "0"]) == 1
+    assert "There is no truth" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_lesson_that_breaks_in_one_state_says_so_there__law(own: Path) -> None:
+    """Between the ends of its sliders, where nobody tried it; the others work."""
+    text = own.read_text(encoding="utf-8")
+    text = text.replace(
+        "    sun = np.radians", "    assert state['h'] != 50, 'not 50'\n    sun = np.radians"
+    )
+    text = text.replace(
+        "    shadow, sun =", "    assert rng.random() < 0.9, 'far'\n    shadow, sun ="
+    )
+    own.write_text(text, encoding="utf-8")
+    teacher = Teacher(find_lessons(own))
+    assert teacher.view("shadow", {"h": 51}, truth=False)["figures"]
+    with pytest.raises(LessonError, match="line 11: AssertionError: not 50"):
+        teacher.view("shadow", {"h": 50}, truth=False)
+    with pytest.raises(LessonError, match="AssertionError: far"):
+        _ = [teacher.question("shadow", 0, seed) for seed in range(99)]
 
 
 def test_a_lesson_in_one_language_is_shown_in_it__law(own: Path) -> None:
