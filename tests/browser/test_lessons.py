@@ -267,6 +267,28 @@ def test_the_truth_is_shown_on_demand_and_a_link_keeps_the_state__law(learn, les
     assert page.evaluate("gruber.state.values.B") == 1200
 
 
+def test_back_returns_to_the_lesson_before_as_it_was__law(learn):
+    page, wrong = learn("relief")
+    page.locator("#slider-h").fill("20")
+    settled(page)
+    page.click("[data-lesson=stereo]")
+    page.wait_for_selector("#slider-mark")
+    page.go_back()
+    page.wait_for_selector("#slider-h")
+    assert page.locator("#slider-h").input_value() == "20"
+    page.go_forward()
+    page.wait_for_selector("#slider-mark")
+    assert wrong == []
+
+
+def test_a_link_without_a_value_opens_the_lesson_with_its_own__law(learn, lessons):
+    page, _ = learn("relief")
+    opening = page.locator("#slider-h").input_value()
+    page.goto(f"{lessons.url}&lesson=relief&h=")
+    page.wait_for_selector(READY)
+    assert page.locator("#slider-h").input_value() == opening != "0"
+
+
 def test_what_no_longer_holds_is_greyed_and_said_in_the_place_of_the_figures__law(sit_at):
     """A state without a picture, come to by a slider and by a link, and left again."""
     relief = LESSONS["relief"]

@@ -57,19 +57,33 @@ async function load() {
 
 function showList() {
   byId("list").replaceChildren(...state.lessons.map(({ name, letter }) => element("button",
-    { "data-lesson": name, onclick: () => choose(lessonOf(name), null) },
+    { "data-lesson": name, onclick: () => go(lessonOf(name)) },
     element("i", {}, letter), element("span", {}, word(`lesson.${name}.title`)))));
 }
 
 /** @param {string} name */
 const lessonOf = (name) => /** @type {Lesson} */ (state.lessons.find((one) => one.name === name));
 
+/** Another lesson; the browser's Back returns. @param {Lesson} lesson */
+function go(lesson) {
+  if (lesson !== state.lesson) {
+    keepLinkNow();
+    history.pushState(null, "", `/?lesson=${lesson.name}`);
+  }
+  choose(lesson, null);
+}
+
+function goBack() {
+  const asked = new URLSearchParams(location.search);
+  choose(lessonOf(asked.get("lesson") ?? "") ?? state.lessons[0], asked);
+}
+
 /** @param {Lesson} lesson @param {URLSearchParams | null} asked a link's values */
 function choose(lesson, asked) {
   byId("lesson").removeAttribute("data-stale");
   Object.assign(state, { lesson, view: null, show: null, truth: asked?.get("truth") === "1" });
   state.values = Object.fromEntries(lesson.sliders.map(({ name, start: opening, low, high }) => {
-    const given = Number(asked?.get(name) ?? NaN);
+    const given = Number(asked?.get(name) || NaN);
     return [name, given >= low && given <= high ? given : opening];
   }));
   for (const button of all("#list button")) {
@@ -336,7 +350,8 @@ function linkValues() {
 }
 
 /** The address holds lesson and sliders: the page comes back as it was. */
-const keepLink = afterPause(() => history.replaceState(null, "", `/?${linkValues()}`));
+const keepLinkNow = () => history.replaceState(null, "", `/?${linkValues()}`);
+const keepLink = afterPause(keepLinkNow);
 
 /** A link for students: it lets them in, as guests. */
 async function copyLink() {
@@ -360,5 +375,6 @@ document.addEventListener("click", (event) => {
 byId("answers-save").addEventListener("click", saveAnswers);
 byId("link-copy").addEventListener("click", copyLink);
 addEventListener("resize", show);
+addEventListener("popstate", goBack);
 window.gruber = { state, number };
 load().then(showScore, (error) => tell(String(error), true));
