@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
+import numpy as np
 import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj import CRS
@@ -16,6 +17,7 @@ from shapely.geometry.base import BaseGeometry
 
 from app.project import Project
 from core.block import Photo
+from core.errors import ReferenceDataError
 from core.formats.vectors import read_layers
 from core.geometry.camera import Camera
 from core.geometry.crs import Bounds, parse_crs
@@ -35,6 +37,7 @@ from core.mosaic.seams import Seam, read_edited, read_seams
 from core.orthos.rectification import OrthoProduct
 from core.progress import Progress, Work
 from core.raster.ortho import open_ortho
+from core.said import say
 from sessions.atomic_write import whole_file
 from sessions.checks import keep_written
 from sessions.decisions import standing_seam_edits
@@ -91,6 +94,7 @@ def make_mosaic(
     grid, names = mosaic_grid(orthos), [ortho.photo_id for ortho in orthos]
     mine = None if edited is None else read_edited(seams, project.block.crs, names)
     tiles = None if anew else products.load_value(TILES, products.digest_of(target))
+    guides = seam_guides(project, grid.bounds)
     drawing = whole_file(seams) if mine is None else nullcontext(None)
     with drawing as seams_part, whole_file(target) as mosaic_part:
         product = compose_mosaic(
@@ -100,7 +104,7 @@ def make_mosaic(
             seams_part,
             seams=mine,
             dates=project.taken,
-            guides=seam_guides(project, grid.bounds),
+            guides=guides,
             planes=film_planes(session, names),
             former=None if tiles is None else FormerMosaic(target, tiles),
             stamps={ortho.photo_id: products.digest_of(ortho.path) for ortho in orthos},
@@ -111,7 +115,8 @@ def make_mosaic(
         if seams_part is not None:
             _remember_drawn(session, seams_part)
     products.save_value(SEAMS_DRAWN, inputs, (hand.before, hand.edits))
-    return _kept(products, inputs, replace(product, path=target))
+    notes = (*_far_buildings(project, guides), *product.notes)
+    return _kept(products, inputs, replace(product, path=target, notes=notes))
 
 
 def _kept(products: Products, inputs: str, product: MosaicProduct) -> MosaicProduct:
@@ -139,23 +144,43 @@ def seam_guides(project: Project, bounds: Bounds) -> SeamGuides:
     """Buildings and roads of a block within bounds.
 
     Raises:
-        ReferenceDataError: A layer cannot be read.
+        ReferenceDataError: A layer cannot be read, or has no polygons where buildings are asked.
     """
     crs, reference = parse_crs(project.block.crs, project.file), project.reference
-    buildings = () if reference.buildings is None else (reference.buildings,)
-    return SeamGuides(_shapes(buildings, crs, bounds, 2), _shapes(reference.roads, crs, bounds, 1))
+    roads, _ = _shapes(reference.roads, crs, bounds, 1)
+    if reference.buildings is None:
+        return SeamGuides((), roads)
+    buildings, other = _shapes((reference.buildings,), crs, bounds, 2)
+    if other and not buildings:
+        raise ReferenceDataError(
+            reference.buildings,
+            "it has no polygons in the block, so seams would cut houses.",
+            "Give the outlines of buildings as polygons: lines that close can be turned into them "
+            "in a GIS.",
+        )
+    return SeamGuides(buildings, roads)
 
 
 def _shapes(
     files: Sequence[Path], crs: CRS, bounds: Bounds, dimension: int
-) -> tuple[BaseGeometry, ...]:
-    """Polygons (of dimension 2) or lines (1) of some layers."""
-    found: list[BaseGeometry] = []
+) -> tuple[tuple[BaseGeometry, ...], int]:
+    """Polygons (of dimension 2) or lines (1) of some layers, and the number of other shapes."""
+    found, other = list[BaseGeometry](), 0
     for file in files:
         for layer in read_layers(file, crs, bounds, attributes=False):
             parts = shapely.get_parts(layer.geometries)
-            found.extend(parts[shapely.get_dimensions(parts) == dimension])
-    return tuple(found)
+            wanted = shapely.get_dimensions(parts) == dimension
+            found.extend(parts[wanted])
+            other += int(np.count_nonzero(~wanted))
+    return tuple(found), other
+
+
+def _far_buildings(project: Project, guides: SeamGuides) -> tuple[str, ...]:
+    """A note where buildings are named and none lies in the block."""
+    file = project.reference.buildings
+    if file is None or guides.buildings:
+        return ()
+    return (say("{name} has no building in the block, so seams avoid none.", name=file.name),)
 
 
 def film_planes(session: Session, photo_ids: Sequence[str]) -> Mapping[str, FilmPlane]:

@@ -170,6 +170,43 @@ def test_guides_are_the_polygons_and_lines_of_the_reference__truth(block):
     assert guides.roads == ()
 
 
+def test_buildings_that_are_lines_are_refused_and_nothing_is_written__truth(block):
+    """The seams ran through every house, and nothing was said."""
+    project, session, orthos = block
+    path = project.folder / "houses.gpkg"
+    house = shapely.box(WEST + 290, NORTH - 210, WEST + 310, NORTH - 190)
+    pyogrio.raw.write(
+        path,
+        geometry=shapely.to_wkb(np.array([house.boundary], dtype=object)),
+        field_data=[],
+        fields=[],
+        geometry_type="LineString",
+        crs=CRS,
+        driver="GPKG",
+    )
+    given = replace(project, reference=ReferenceSection(buildings=path))
+    with pytest.raises(ReferenceDataError, match="has no polygons in the block") as refused:
+        make_mosaic(session, given, orthos, SILENT)
+    assert str(path) in str(refused.value)
+    assert not [one.name for one in session.results.iterdir() if one.is_file()]
+
+
+def test_buildings_of_another_place_are_told__truth(block):
+    project, session, orthos = block
+    path = project.folder / "houses.gpkg"
+    far = shapely.box(WEST + 9000, NORTH - 210, WEST + 9020, NORTH - 190)
+    write_polygons(path, "houses", [far], {}, crs=CRS)
+    given = replace(project, reference=ReferenceSection(buildings=path))
+    said = ("houses.gpkg has no building in the block, so seams avoid none.",)
+    assert make_mosaic(session, given, orthos, SILENT).notes == said
+    # It stands for as long as the mosaic does.
+    assert make_mosaic(session, given, orthos, SILENT).notes == said
+    near = shapely.box(WEST + 290, NORTH - 210, WEST + 310, NORTH - 190)
+    path.unlink()
+    write_polygons(path, "houses", [near], {}, crs=CRS)
+    assert make_mosaic(session, given, orthos, SILENT).notes == ()
+
+
 def test_a_mosaic_that_is_gone_or_another_has_no_version__law(block):
     """Readings and signatures stood for a file that another program had shifted."""
     project, session, orthos = block
