@@ -17,6 +17,9 @@ from core.mosaic.seams import Area, Seam
 
 Places = Sequence[tuple[float, float]]
 """Eastings and northings, metres."""
+# design: far above the rounding of coordinates of seven digits, far below all that is drawn
+ROUNDING_M = 1e-6
+"""Where a new seam ends on an old one, its end lies within this beside it, metres."""
 # design: far below a pixel, far above what double precision leaves of coordinates of a CRS
 SAME_PLACE_M = 1e-3
 """What is narrower is rounding, metres."""
@@ -139,8 +142,8 @@ def follow_line(
     if moved <= LEAST_M2:
         return Failure("The line does not part the two photos.")
     areas = {
-        first: one.difference(lost).union(won),
-        second: other.difference(won).union(lost),
+        first: _exchanged(one, lost, won),
+        second: _exchanged(other, won, lost),
     }
     return tuple(
         replace(seam, area=_polygons(areas[seam.photo_id])) if seam.photo_id in areas else seam
@@ -185,6 +188,12 @@ def photos_along(seams: Sequence[Seam], line: Places) -> tuple[str, str] | None:
             if best is None or found[:2] > best[:2]:
                 best = found
     return None if best is None else best[2]
+
+
+def _exchanged(area: Area, lost: Area, won: Area) -> BaseGeometry:
+    """An area less one part, with another: ends on its slanted border become corners of it."""
+    cornered = shapely.snap(shapely.snap(area, lost, ROUNDING_M), won, ROUNDING_M)
+    return cornered.difference(lost).union(won)
 
 
 def _reaching(line: LineString, both: BaseGeometry, seam: BaseGeometry) -> LineString:

@@ -56,6 +56,20 @@ def owner(seams: tuple[Seam, ...], x: float, y: float) -> str:
     return next(one.photo_id for one in seams if one.area.contains(place))
 
 
+def test_what_a_line_gives_is_one_with_the_photo_on_a_slanted_seam__truth() -> None:
+    """Picometres between them kept the old seam there, drawn twice, round an island."""
+    corners = at((0, 0), (0, 300), (130, 300), (170, 0))
+    left = Seam("a", "", shapely.Polygon(corners))
+    right = Seam("b", "", shapely.Polygon((*corners[2:][::-1], *at((330, 300), (330, 0)))))
+    for shift in range(20):
+        line = at((150, 60 + shift), (110, 90), (115, 150), (140, 200 + shift))
+        after = apply_edit((left, right), SeamLine("a", "b", line))
+        assert not isinstance(after, Failure)
+        assert [len(shapely.get_parts(one.area)) for one in after] == [1, 1], shift
+        assert [len(shapely.get_rings(one.area)) for one in after] == [1, 1], shift
+        assert is_partition((left, right), after)
+
+
 def test_a_line_from_seam_to_seam_carries_the_seam_along__truth() -> None:
     after = follow_line(four(), "a", "b", at((99, 130), (80, 140), (80, 170), (99, 180)))
     assert not isinstance(after, Failure)
