@@ -27,7 +27,7 @@ from core.georeference.principal_distance import camera_types, proposed_distance
 from core.quality.job_rules import USUAL_RULES, JobRules
 from core.said import say
 from core.sheets.cutting import Form
-from core.sheets.map_sheets import Corner, check_corners
+from core.sheets.map_sheets import NAME, Corner, check_corners
 from core.sheets.stage import LOSSY_PERCENT
 from core.surface.stage import SurfaceOptions
 
@@ -406,9 +406,14 @@ def check_attribute(table: Table, file_key: str, path: Path, key: str, attribute
         raise table.error(file_key, cause, remedy) from error
     if attribute not in present:
         cause = say('{name} has no attribute "{attribute}".', name=path.name, attribute=attribute)
+        names = ", ".join(present) or "none at all"
+        if key != file_key:
+            raise table.error(key, cause, say("It has {names}.", names=names))
         raise table.error(
-            key, cause, say("It has {names}.", names=", ".join(present) or "none at all")
-        )
+            key, cause,
+            say("It has {names}: rename the right one to {attribute}.", names=names,
+                attribute=attribute),
+        )  # fmt: skip
 
 
 def sheets_section(document: Document) -> SheetsSection:
@@ -419,6 +424,8 @@ def sheets_section(document: Document) -> SheetsSection:
     """
     ortho, table = document.table("ortho"), document.table("sheets")
     index = ortho.file("sheets")
+    if index is not None:
+        check_attribute(ortho, "sheets", index, "sheets", NAME)
     for crs in (systems := table.words("crs")):
         _refusing(table, "crs", lambda crs=crs: read_crs(crs, ""))
     product = table.text("product")
