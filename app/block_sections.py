@@ -406,14 +406,10 @@ def check_attribute(table: Table, file_key: str, path: Path, key: str, attribute
         raise table.error(file_key, cause, remedy) from error
     if attribute not in present:
         cause = say('{name} has no attribute "{attribute}".', name=path.name, attribute=attribute)
-        names = ", ".join(present) or "none at all"
-        if key != file_key:
-            raise table.error(key, cause, say("It has {names}.", names=names))
-        raise table.error(
-            key, cause,
-            say("It has {names}: rename the right one to {attribute}.", names=names,
-                attribute=attribute),
-        )  # fmt: skip
+        hint = say("It has {names}.", names=", ".join(present) or "none at all")
+        if key == file_key:
+            hint = say("{has} Rename the right one to {attribute}.", has=hint, attribute=attribute)
+        raise table.error(key, cause, hint)
 
 
 def sheets_section(document: Document) -> SheetsSection:
