@@ -57,7 +57,10 @@ def object_points(pair: RectifiedPair, found: Parallaxes) -> tuple[ObjectPoints,
         [u_left + (height - z_left) * lean_left[0], v + (height - z_left) * lean_left[1]]
     )
     sigma = found.sigma_px[rows, columns] * px / np.abs(apart)
-    return np.column_stack([pair.frame.to_object(place), height]), sigma
+    # Beyond the edge of the DEM there is no start surface, and no height from it.
+    known = np.isfinite(height)
+    points = np.column_stack([pair.frame.to_object(place[known]), height[known]])
+    return points, sigma[known]
 
 
 def _heights_at(start: Picture, columns: Scalars, rows: np.ndarray) -> Scalars:

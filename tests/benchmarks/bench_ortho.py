@@ -1,19 +1,24 @@
-"""Megapixels per second of ortho and mosaic, beside GDAL's warper: `bench_ortho.py [frame px]`.
+"""Megapixels per second of an ortho, beside GDAL's warper: `bench_ortho.py [frame px]`.
 
 A synthetic near-vertical frame of 8 bits over hills of 200 m relief, DEM of 2 m in a GeoTIFF,
-ortho at 0.5 m. The peer is GDAL's warper as rasterio carries it (the one in gdalwarp), with the
-photo's geometry as rational polynomials, the same DEM, cubic, error threshold 0.125 px; with a
-gdalwarp on the path, that as well. All write deflate at level 1.
+ortho at 0.5 m. The peers are gdalwarp, or without it GDAL's warper as rasterio carries it, with
+the photo's geometry as rational polynomials, the same DEM, cubic, error threshold 0.125 px; and
+Orthority if the variable ORTHORITY names an interpreter that has it.
+All write deflate at level 1. Every round runs ours and gdalwarp in turn.
 """
 
+import json
+import os
 import resource
 import shutil
 import subprocess
 import sys
 import tempfile
 import warnings
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from time import perf_counter, process_time
+from time import perf_counter
 
 import numpy as np
 import rasterio
@@ -28,7 +33,6 @@ from core.geometry.camera import Camera
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.interior import InteriorOrientation
 from core.mosaic.comparison import ComparisonOptions, compare_orthos
-from core.mosaic.composition import compose_mosaic, mosaic_grid
 from core.orthos.rectification import OrthoOptions, ortho_grid, rectify_photo
 from core.raster.dem import Dem, open_dem
 from core.raster.grid import Grid
@@ -36,10 +40,12 @@ from core.raster.grid import Grid
 CRS = "EPSG:32633"
 EAST, NORTH = 500_000.0, 5_400_000.0
 GSD, PIXEL_MM, ROUNDS = 0.5, 0.015, 3
+MOST_DETAIL_PX = 6000
+"""Larger scans repeat theirs."""
 
 
 def main() -> None:
-    """Time our rectification, the peers and the mosaic, and compare the orthos."""
+    """Time our rectification and the peers, and compare the orthos."""
     side = int(sys.argv[1]) if len(sys.argv) > 1 else 6000
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -51,17 +57,29 @@ def main() -> None:
         grid = ortho_grid(photos[0], camera, dem, GSD)
         megapixels = grid.columns * grid.rows / 1e6
         say(f"frame {side} px, ortho {grid.columns} x {grid.rows} = {megapixels:.1f} MP at {GSD} m")
-        for threads in (1, 2):
-            seconds = timed(lambda t=threads: ours(folder, photos[0], camera, dem, grid, t))
-            row(f"gruber, {threads} thread(s)", seconds, megapixels)
         rpc = rational_polynomials(photos[0], camera)
-        for threshold in (0.125, 0.0):
-            seconds = timed(lambda t=threshold: warped(folder, photos[0], rpc, dem_path, grid, t))
-            row(f"GDAL warper in rasterio, threshold {threshold}", seconds, megapixels)
+        ways = {
+            "gruber, 1 thread": partial(ours, folder, photos[0], camera, dem, grid, 1),
+            "gruber, 2 threads": partial(ours, folder, photos[0], camera, dem, grid, 2),
+        }
         if shutil.which("gdalwarp"):
-            row("gdalwarp -et 0.125 -multi", timed(lambda: gdalwarp(folder, grid)), megapixels)
+            with_rpc(photos[0].scan, folder / "rpc.tif", rpc)
+            ways["gdalwarp -et 0.125 -multi"] = partial(gdalwarp, folder, grid)
+        else:
+            ways["GDAL warper in rasterio, threshold 0.125"] = partial(
+                warped, folder, photos[0], rpc, dem_path, grid, 0.125
+            )
+        found = side_by_side(ways)
+        if interpreter := os.environ.get("ORTHORITY"):
+            found["orthority"] = orthority(interpreter, folder, photos[0], camera, dem_path)
+        for what, seconds in found.items():
+            row(what, seconds, megapixels)
+        for what, other in found.items():
+            for threads in ("1 thread", "2 threads") if not what.startswith("gruber") else ():
+                share = [a / b for a, b in zip(found[f"gruber, {threads}"], other, strict=True)]
+                say(f"{threads} over {what}: wall {share[0]:.2f}, CPU {share[1]:.2f}")
+        warped(folder, photos[0], rpc, dem_path, grid, 0.0)
         agreement(folder)
-        mosaic(folder, photos, camera, dem)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         say(f"peak memory of it all: {peak:.0f} MB")
 
@@ -104,35 +122,64 @@ def warped(
 
 
 def gdalwarp(folder: Path, grid: Grid) -> None:
-    """The same by the program, from the RPC file beside the scan."""
+    """The same by the program, from a scan that holds its polynomials."""
     west, south, east, north = grid.bounds
     subprocess.run(
         f"gdalwarp -q -overwrite -rpc -to RPC_DEM={folder}/dem.tif -et 0.125 -multi -r cubic "
         f"-wo NUM_THREADS=2 -t_srs {CRS} -tr {GSD} {GSD} -te {west} {south} {east} {north} "
-        f"-co TILED=YES -co COMPRESS=DEFLATE -co ZLEVEL=1 {folder}/p0.tif {folder}/program.tif",
+        f"-co TILED=YES -co COMPRESS=DEFLATE -co ZLEVEL=1 -co PREDICTOR=2 "
+        f"{folder}/rpc.tif {folder}/program.tif",
         shell=True,
         check=True,
     )
 
 
+def with_rpc(scan: Path, path: Path, rpc: RPC) -> None:
+    """A copy of a scan that holds its polynomials."""
+    shutil.copy(scan, path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with rasterio.open(path, "r+") as file:
+            file.rpcs = rpc
+
+
+def orthority(
+    interpreter: str, folder: Path, photo: Photo, camera: Camera, dem_path: Path
+) -> tuple[float, float]:
+    """The same by Orthority, with the frame's own geometry; wall and processor seconds."""
+    exterior = photo.exterior
+    task = {
+        "rounds": ROUNDS,
+        "scan": str(photo.scan),
+        "dem": str(dem_path),
+        "ortho": str(folder / "orthority.tif"),
+        "crs": CRS,
+        "gsd_m": GSD,
+        "size_px": photo.size_px,
+        "focal_mm": camera.principal_distance_mm,
+        "sensor_mm": camera.frame_mm,
+        "xyz": exterior.centre.tolist(),
+        "opk": (exterior.omega, exterior.phi, exterior.kappa),
+    }
+    told = folder / "task.json"
+    told.write_text(json.dumps(task), encoding="utf-8")
+    peer = Path(__file__).with_name("orthority_peer.py")
+    done = subprocess.run(
+        [interpreter, str(peer), str(told)], check=True, capture_output=True, text=True
+    )
+    figures = json.loads(done.stdout.strip().splitlines()[-1])
+    say(f"orthority needs {figures['peak_mib']:.0f} MiB")
+    return figures["wall"], figures["cpu"]
+
+
 def agreement(folder: Path) -> None:
     """How far the two orthos lie apart."""
     options = ComparisonOptions(places=300, search_px=8)
-    found = compare_orthos(folder / "ours.tif", folder / "gdal0.0.tif", options)
-    shift = np.hypot(*found.mean_shift) / GSD
-    say(f"against exact GDAL: mean shift {shift:.4f} px, m_p {found.m_p / GSD:.4f} px, n {found.n}")
-
-
-def mosaic(folder: Path, photos: list[Photo], camera: Camera, dem: Dem) -> None:
-    """Three orthos composed."""
-    orthos = [
-        rectify_photo(photo, camera, dem, GSD, folder / f"{photo.photo_id}_ortho.tif", CRS)
-        for photo in photos
-    ]
-    grid = mosaic_grid(orthos)
-    megapixels = sum(ortho.grid.columns * ortho.grid.rows for ortho in orthos) / 1e6
-    seconds = timed(lambda: compose_mosaic(orthos, grid, folder / "m.tif", folder / "s.gpkg"), 1)
-    row("mosaic with COG, megapixels of its orthos", seconds, megapixels)
+    for what, name in (("exact GDAL", "gdal0.0.tif"), ("Orthority", "orthority.tif")):
+        if (folder / name).is_file():
+            found = compare_orthos(folder / "ours.tif", folder / name, options)
+            shift, m_p = np.hypot(*found.mean_shift) / GSD, found.m_p / GSD
+            say(f"against {what}: mean shift {shift:.4f} px, m_p {m_p:.4f} px, n {found.n}")
 
 
 def write_dem(folder: Path, side: int) -> Path:
@@ -153,18 +200,21 @@ def write_dem(folder: Path, side: int) -> Path:
 def write_photo(folder: Path, name: str, side: int, number: int) -> Photo:
     """A frame of smooth random detail; ground pixels of about 0.5 m."""
     rng = np.random.default_rng(number)
-    pixels = np.zeros((side, side), dtype=np.float32)
+    part = min(side, MOST_DETAIL_PX)
+    pixels = np.zeros((part, part), dtype=np.float32)
     for size, strength in ((3, 30), (9, 25), (40, 30)):
-        small = rng.uniform(-1, 1, (side // size + 2, side // size + 2)).astype(np.float32)
+        small = rng.uniform(-1, 1, (part // size + 2, part // size + 2)).astype(np.float32)
         grown = np.kron(small, np.ones((size, size), dtype=np.float32))
-        pixels += strength * grown[:side, :side]
+        pixels += strength * grown[:part, :part]
     pixels += rng.normal(0, 4, pixels.shape).astype(np.float32)
     path = folder / f"{name}.tif"
     profile = {"width": side, "height": side, "count": 1, "dtype": "uint8", "tiled": True}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with rasterio.open(path, "w", driver="GTiff", compress="deflate", **profile) as out:
-            out.write(np.clip(128 + pixels, 1, 255).astype(np.uint8), 1)
+            detail = np.clip(128 + pixels, 1, 255).astype(np.uint8)
+            times = -(-side // part)
+            out.write(np.tile(detail, (times, times))[:side, :side], 1)
     half = side * PIXEL_MM / 2
     matrix = np.array([[PIXEL_MM, 0, -half], [0, -PIXEL_MM, half]])
     none = np.zeros((0, 2))
@@ -227,15 +277,24 @@ def fraction(terms: np.ndarray, wanted: np.ndarray) -> tuple[list[float], list[f
     return solution[:20].tolist(), [1.0, *solution[20:].tolist()]
 
 
-def timed(work, rounds: int = ROUNDS) -> tuple[float, float]:
-    """Best wall seconds and best processor seconds of a few rounds."""
-    walls, processors = [], []
-    for _ in range(rounds):
-        wall, processor = perf_counter(), process_time()
-        work()
-        walls.append(perf_counter() - wall)
-        processors.append(process_time() - processor)
-    return min(walls), min(processors)
+def side_by_side(ways: dict[str, Callable[[], object]]) -> dict[str, tuple[float, float]]:
+    """Best wall and best processor seconds of each way; every round takes all in turn."""
+    found: dict[str, list[tuple[float, float]]] = {what: [] for what in ways}
+    for _ in range(ROUNDS):
+        for what, work in ways.items():
+            wall, processor = perf_counter(), processor_seconds()
+            work()
+            found[what].append((perf_counter() - wall, processor_seconds() - processor))
+    return {
+        what: (min(wall for wall, _ in rounds), min(spent for _, spent in rounds))
+        for what, rounds in found.items()
+    }
+
+
+def processor_seconds() -> float:
+    """Processor seconds of this process and of programs it waited for."""
+    both = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(used.ru_utime + used.ru_stime for used in both)
 
 
 def row(what: str, seconds: tuple[float, float], megapixels: float) -> None:

@@ -1,6 +1,6 @@
 """How true a surface from the photos is, and its standard deviations, beside bare OpenCV SGBM.
 
-Run: python -m tests.benchmarks.prove_surface [side of the scans, px] [relief in metres ...]
+Run: python -m tests.benchmarks.prove_surface [side of the scans, px] [first seed] [relief, m ...]
 Run: python -m tests.benchmarks.prove_surface block FOLDER CELL_M [HEIGHTS.tif]
 Run: python -m tests.benchmarks.prove_surface settings
 
@@ -115,8 +115,8 @@ def with_matcher(match: Callable[[RectifiedPair, int], Parallaxes], call: Callab
         stage.match_pair = usual
 
 
-def scenes(size: int, reliefs: list[float]) -> None:
-    for seed, relief in enumerate(reliefs, start=11):
+def scenes(size: int, first: int, reliefs: list[float]) -> None:
+    for seed, relief in enumerate(reliefs, start=first):
         plan = SurfacePlan(size_px=size, relief_m=relief)
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
@@ -127,7 +127,8 @@ def scenes(size: int, reliefs: list[float]) -> None:
                 return f"{judged(scene, surface)}  {seconds:.1f} s"
 
             say(
-                f"{plan.photos} photos of {size} px, relief {relief:g} m, unit {plan.sigma_m:.2f} m"
+                f"seed {seed}, {plan.photos} photos of {size} px, relief {relief:g} m, "
+                f"unit {plan.sigma_m:.2f} m"
             )
             say(f"  ours       {figures()}")
             say(f"  bare SGBM  {with_matcher(bare_match, figures)}")
@@ -202,5 +203,6 @@ if __name__ == "__main__":
     else:
         scenes(
             int(arguments[0]) if arguments else 1600,
-            [float(v) for v in arguments[1:]] or [60.0, 200.0],
+            int(arguments[1]) if arguments[1:] else 9301,
+            [float(v) for v in arguments[2:]] or [60.0, 200.0],
         )

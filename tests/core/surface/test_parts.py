@@ -8,7 +8,7 @@ import pytest
 
 from core.block import Block
 from core.raster.grid import Grid
-from core.surface.fusion import cell_heights, fuse_pairs
+from core.surface.fusion import cell_heights, fuse_pairs, object_points
 from core.surface.ground import fit_trend, hillshade
 from core.surface.matching import match_pair
 from core.surface.rectified import LaidPhoto, RectifiedPair, Turned, pairs_over, sound_pairs
@@ -136,6 +136,22 @@ def test_three_pairs_of_three_photos_are_worth_two__truth():
     """Parallaxes of A-C are those of A-B and B-C: errors of their mean are (a - c) / 2."""
     fused = fuse_pairs([level(10, 0.6), level(10, 0.6), level(10, 0.3)], RING, CELLS)
     np.testing.assert_allclose(fused.sigmas, 0.3, atol=1e-4)
+
+
+def test_beyond_the_dem_there_are_no_points__law():
+    pair = shifted_pair(np.full((160, 160), 2.3), 4.0, 6)
+    left, right = (np.array([easting, 80.0, 400.0]) for easting in (0.0, 160.0))
+    pair = replace(
+        pair,
+        left=replace(pair.left, centre=left),
+        right=replace(pair.right, centre=right),
+    )
+    found = match_pair(pair, 8)
+    bare = pair.start.copy()
+    bare[:, 80:] = np.nan
+    whole, part = object_points(pair, found)[0], object_points(replace(pair, start=bare), found)[0]
+    assert np.isfinite(part).all()
+    assert 0.2 * len(whole) < len(part) < 0.6 * len(whole)
 
 
 def test_cells_with_too_few_points_stay_open__truth():

@@ -1,0 +1,116 @@
+"""Processor seconds and memory of mosaic, surface and a large scan, each in its own process.
+
+Run: python -m tests.benchmarks.bench_ground mosaic|large|ortho [frame px]
+
+`mosaic`: three orthos of about 63 megapixels are composed, 190 in all, with seams, tones and
+overviews. `large`: a pair of scans of 25,000 px is matched to a surface, four pixels a cell.
+`ortho`: one of them becomes an ortho. The surface of a block that was run: `prove_surface block`.
+Scans and DEM are those of `bench_ortho`. What is timed runs in a fresh process, so that its peak is
+its own.
+"""
+
+import multiprocessing
+import resource
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from core.block import Block, Photo
+from core.doubts import Failure
+from core.geometry.camera import Camera
+from core.mosaic.composition import compose_mosaic, mosaic_grid
+from core.orthos.rectification import OrthoProduct, rectify_photo
+from core.progress import Work
+from core.raster.dem import Dem, open_dem
+from core.surface.stage import SurfaceFiles, SurfaceOptions, make_surface
+from tests.benchmarks.bench_ortho import CRS, GSD, PIXEL_MM, processor_seconds, write_dem
+from tests.benchmarks.bench_ortho import write_photo as written
+from tests.benchmarks.large_desk import say
+
+SIDES = {"mosaic": 7600, "large": 25_000, "ortho": 25_000}
+PHOTOS = {"mosaic": 3, "large": 3, "ortho": 1}
+
+
+def main() -> None:
+    """Make scans, and measure what is asked for."""
+    what = sys.argv[1]
+    side = int(sys.argv[2]) if len(sys.argv) > 2 else SIDES[what]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        camera = Camera("wide", side * PIXEL_MM * 1.17, (side * PIXEL_MM, side * PIXEL_MM))
+        heights = write_dem(folder, side)
+        photos = {f"p{k}": written(folder, f"p{k}", side, k) for k in range(PHOTOS[what])}
+        if what == "mosaic":
+            orthos = [ortho_of(photo, camera, heights, folder) for photo in photos.values()]
+            megapixels = sum(ortho.grid.columns * ortho.grid.rows for ortho in orthos) / 1e6
+            report(f"mosaic of {megapixels:.0f} MP", partial(composed, orthos, folder))
+        elif what == "ortho":
+            work = partial(ortho_of, photos["p0"], camera, heights, folder)
+            report(f"ortho of a scan of {side} px", work)
+        else:
+            block = Block(CRS, {"wide": camera}, photos)
+            report(f"surface of two scans of {side} px", partial(matched, block, heights, folder))
+
+
+def report(what: str, work: Callable[[], object]) -> None:
+    """Run in a fresh process and print what it took."""
+    held = multiprocessing.get_context("spawn")
+    reading, writing = held.Pipe(duplex=False)
+    began = perf_counter()
+    child = held.Process(target=measured, args=(work, writing))
+    child.start()
+    child.join()
+    assert child.exitcode == 0, what
+    seconds, peak_kib = reading.recv()
+    say(
+        f"{what}: {seconds:.1f} CPU s, {perf_counter() - began:.1f} s, "
+        f"peak {peak_kib / 1024**2:.2f} GiB"
+    )
+
+
+def measured(work: Callable[[], object], told) -> None:
+    """Processor seconds of the work, and the peak of this process."""
+    began = processor_seconds()
+    work()
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    told.send((processor_seconds() - began, peak))
+
+
+def dem_of(path: Path) -> Dem:
+    """The whole DEM."""
+    heights = open_dem([path], CRS)
+    return heights.cropped(heights.bounds)
+
+
+def ortho_of(photo: Photo, camera: Camera, heights: Path, folder: Path) -> OrthoProduct:
+    """An ortho on the DEM."""
+    path = folder / f"{photo.photo_id}_ortho.tif"
+    return rectify_photo(photo, camera, dem_of(heights), GSD, path, CRS)
+
+
+def composed(orthos: list[OrthoProduct], folder: Path) -> None:
+    """The mosaic with its seams."""
+    compose_mosaic(orthos, mosaic_grid(orthos), folder / "m.tif", folder / "s.gpkg")
+
+
+def matched(block: Block, heights: Path, folder: Path) -> None:
+    """The surface; the photos show noise, each its own, so next to nothing is found."""
+    made = make_surface(
+        block,
+        dem_of(heights),
+        SurfaceFiles.within(folder),
+        lambda name: None,
+        ties=np.zeros((0, 3)),
+        options=SurfaceOptions(4 * GSD),
+        work=Work(),
+    )
+    say(f"{made.reason if isinstance(made, Failure) else f'{made.completeness:.2f} known'}")
+
+
+if __name__ == "__main__":
+    main()
