@@ -82,12 +82,13 @@ RIM_MM = 12.0
 # design: beyond the outermost crossroads, to the ground that only one photo shows.
 BEYOND_M = 1500.0
 """How far the mosaic reaches beyond the crossroads."""
-# design: speed; hills and lens are smooth, so that a spline errs by less than a millimetre.
+# design: speed; hills and lens are smooth, so that a spline errs by less than a millimetre (test).
 NODES = 12
 """Rays a side that are followed to the ground of a window."""
 PLAN = Plan(2, 3, TIES, NOISE_PX, 1)
-PHOTOS, SEARCHES = 6, 28
-"""Of a flight."""
+PHOTOS = PLAN.strips * PLAN.photos
+MOST_SEARCHES = 9 * 4
+"""Of a flight: nine crossroads, each in four photos at most."""
 HELD = AdjustmentOptions(estimate_cameras=False)
 
 
@@ -292,7 +293,7 @@ SHOWN = 2
 """Photos in which a point is followed."""
 
 
-@lru_cache(maxsize=KEPT * SEARCHES)
+@lru_cache(maxsize=KEPT * MOST_SEARCHES)
 def search_point(point: int, name: str, given: Given) -> ControlSearch | None:
     """The present ortho about a point sought in a scan laid on the DEM.
 

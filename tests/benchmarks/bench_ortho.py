@@ -3,11 +3,10 @@
 A synthetic near-vertical frame of 8 bits over hills of 200 m relief, DEM of 2 m in a GeoTIFF,
 ortho at 0.5 m. The peers are gdalwarp, or without it GDAL's warper as rasterio carries it, with
 the photo's geometry as rational polynomials, the same DEM, cubic, error threshold 0.125 px; and
-Orthority if the variable ORTHORITY names an interpreter that has it.
-All write deflate at level 1. Every round runs ours and gdalwarp in turn.
+Orthority, if the variable ORTHORITY names its program `oty`, whose start is in its seconds.
+All write deflate at level 1. Every round runs all of them in turn.
 """
 
-import json
 import os
 import resource
 import shutil
@@ -69,9 +68,9 @@ def main() -> None:
             ways["GDAL warper in rasterio, threshold 0.125"] = partial(
                 warped, folder, photos[0], rpc, dem_path, grid, 0.125
             )
+        if program := os.environ.get("ORTHORITY"):
+            ways["orthority"] = partial(orthority, program, folder, photos[0], camera, dem_path)
         found = side_by_side(ways)
-        if interpreter := os.environ.get("ORTHORITY"):
-            found["orthority"] = orthority(interpreter, folder, photos[0], camera, dem_path)
         for what, seconds in found.items():
             row(what, seconds, megapixels)
         for what, other in found.items():
@@ -143,33 +142,28 @@ def with_rpc(scan: Path, path: Path, rpc: RPC) -> None:
             file.rpcs = rpc
 
 
-def orthority(
-    interpreter: str, folder: Path, photo: Photo, camera: Camera, dem_path: Path
-) -> tuple[float, float]:
-    """The same by Orthority, with the frame's own geometry; wall and processor seconds."""
-    exterior = photo.exterior
-    task = {
-        "rounds": ROUNDS,
-        "scan": str(photo.scan),
-        "dem": str(dem_path),
-        "ortho": str(folder / "orthority.tif"),
-        "crs": CRS,
-        "gsd_m": GSD,
-        "size_px": photo.size_px,
-        "focal_mm": camera.principal_distance_mm,
-        "sensor_mm": camera.frame_mm,
-        "xyz": exterior.centre.tolist(),
-        "opk": (exterior.omega, exterior.phi, exterior.kappa),
-    }
-    told = folder / "task.json"
-    told.write_text(json.dumps(task), encoding="utf-8")
-    peer = Path(__file__).with_name("orthority_peer.py")
-    done = subprocess.run(
-        [interpreter, str(peer), str(told)], check=True, capture_output=True, text=True
+def orthority(program: str, folder: Path, photo: Photo, camera: Camera, dem: Path) -> None:
+    """The same by the program `oty`, with the frame's own geometry."""
+    exterior, size = photo.exterior, list(photo.size_px)
+    inner, outer = folder / "orthority.yaml", folder / "orthority.csv"
+    inner.write_text(
+        f"made: {{type: pinhole, im_size: {size}, focal_len: {camera.principal_distance_mm}, "
+        f"sensor_size: {list(camera.frame_mm)}}}\n",
+        encoding="utf-8",
     )
-    figures = json.loads(done.stdout.strip().splitlines()[-1])
-    say(f"orthority needs {figures['peak_mib']:.0f} MiB")
-    return figures["wall"], figures["cpu"]
+    place = *exterior.centre.tolist(), exterior.omega, exterior.phi, exterior.kappa
+    row = ",".join([photo.scan.name, *(f"{one!r}" for one in place), "made"])
+    outer.write_text(f"filename,x,y,z,omega,phi,kappa,camera\n{row}\n", encoding="utf-8")
+    subprocess.run(
+        f"{program} frame --dem {dem} --int-param {inner} --ext-param {outer} --crs {CRS} "
+        f"--radians --res {GSD} --aligned-pixels --interp cubic --dem-interp bilinear "
+        f"--no-write-mask --no-build-ovw -co TILED=YES -co COMPRESS=DEFLATE -co ZLEVEL=1 "
+        f"-co PREDICTOR=2 --overwrite --out-dir {folder} {photo.scan}",
+        shell=True,
+        check=True,
+        capture_output=True,
+    )
+    (folder / f"{photo.scan.stem}_ORTHO.tif").replace(folder / "orthority.tif")
 
 
 def agreement(folder: Path) -> None:

@@ -142,6 +142,18 @@ def test_a_scan_is_the_ground_seen_through_its_film__law():
     assert not np.allclose(DEM.heights(plan), flown.TRUE_GROUND.heights(plan))
 
 
+def test_a_window_made_of_a_few_rays_is_the_scan_itself__law():
+    given, place = Given(0.6, 2), flown.junctions()[0]
+    for name, photo in flown.true_flight(2).photos.items():
+        rough, grid = flown.approximate_photo(name, 2), grid_about(np.append(place, 0.0), 50, 1.0)
+        plan = flown.plan_of(grid)
+        ground = np.column_stack([plan, DEM.heights(plan)])
+        every = flown.scan_values(photo, rough.pixel_from_object(ground, CAMERA), given)
+        window = flown.rectify_scan(rough, grid, photo, given)
+        # At the edge of a road, the steepest there is, a millimetre is a tenth of a grey value.
+        assert np.abs(window.ravel() - every).max() < 1e-3
+
+
 def test_truth_in_the_pictures_is_hidden_until_it_is_asked_for__law():
     for step in range(1, len(STEPS) + 1):
         view = shown(LESSON.view(LESSON.start | {"step": float(step)}), False)
