@@ -1,10 +1,9 @@
-"""Processor seconds and memory of mosaic, surface and a large scan, each in its own process.
+"""Processor seconds and memory of a mosaic and of the ortho of a large scan.
 
-Run: python -m tests.benchmarks.bench_ground mosaic|large|ortho [frame px]
+Run: python -m tests.benchmarks.bench_ground mosaic|ortho [frame px]
 
 `mosaic`: three orthos of about 63 megapixels are composed, 190 in all, with seams, tones and
-overviews. `large`: a pair of scans of 25,000 px is matched to a surface, four pixels a cell.
-`ortho`: one of them becomes an ortho. The surface of a block that was run: `prove_surface block`.
+overviews. `ortho`: a scan of 25,000 px becomes an ortho.
 Scans and DEM are those of `bench_ortho`. What is timed runs in a fresh process, so that its peak is
 its own.
 """
@@ -18,22 +17,17 @@ from functools import partial
 from pathlib import Path
 from time import perf_counter
 
-import numpy as np
-
-from core.block import Block, Photo
-from core.doubts import Failure
+from core.block import Photo
 from core.geometry.camera import Camera
 from core.mosaic.composition import compose_mosaic, mosaic_grid
 from core.orthos.rectification import OrthoProduct, rectify_photo
-from core.progress import Work
 from core.raster.dem import Dem, open_dem
-from core.surface.stage import SurfaceFiles, SurfaceOptions, make_surface
 from tests.benchmarks.bench_ortho import CRS, GSD, PIXEL_MM, processor_seconds, write_dem
 from tests.benchmarks.bench_ortho import write_photo as written
 from tests.benchmarks.large_desk import say
 
-SIDES = {"mosaic": 7600, "large": 25_000, "ortho": 25_000}
-PHOTOS = {"mosaic": 3, "large": 3, "ortho": 1}
+SIDES = {"mosaic": 7600, "ortho": 25_000}
+PHOTOS = {"mosaic": 3, "ortho": 1}
 
 
 def main() -> None:
@@ -49,12 +43,9 @@ def main() -> None:
             orthos = [ortho_of(photo, camera, heights, folder) for photo in photos.values()]
             megapixels = sum(ortho.grid.columns * ortho.grid.rows for ortho in orthos) / 1e6
             report(f"mosaic of {megapixels:.0f} MP", partial(composed, orthos, folder))
-        elif what == "ortho":
+        else:
             work = partial(ortho_of, photos["p0"], camera, heights, folder)
             report(f"ortho of a scan of {side} px", work)
-        else:
-            block = Block(CRS, {"wide": camera}, photos)
-            report(f"surface of two scans of {side} px", partial(matched, block, heights, folder))
 
 
 def report(what: str, work: Callable[[], object]) -> None:
@@ -96,20 +87,6 @@ def ortho_of(photo: Photo, camera: Camera, heights: Path, folder: Path) -> Ortho
 def composed(orthos: list[OrthoProduct], folder: Path) -> None:
     """The mosaic with its seams."""
     compose_mosaic(orthos, mosaic_grid(orthos), folder / "m.tif", folder / "s.gpkg")
-
-
-def matched(block: Block, heights: Path, folder: Path) -> None:
-    """The surface; the photos show noise, each its own, so next to nothing is found."""
-    made = make_surface(
-        block,
-        dem_of(heights),
-        SurfaceFiles.within(folder),
-        lambda name: None,
-        ties=np.zeros((0, 3)),
-        options=SurfaceOptions(4 * GSD),
-        work=Work(),
-    )
-    say(f"{made.reason if isinstance(made, Failure) else f'{made.completeness:.2f} known'}")
 
 
 if __name__ == "__main__":
