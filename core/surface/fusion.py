@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Int64, UInt8
+from jaxtyping import Bool, Float32, Float64, Int64, UInt8
 
-from core.arrays import ObjectPoints, Scalars
+from core.arrays import Mask, ObjectPoints, Scalars
 from core.frames import HALF_PIXEL
 from core.raster.grid import Grid
 from core.surface.matching import WINDOW_SIGMA_PX, Parallaxes
@@ -22,6 +22,21 @@ NOTHING = np.float32(1e-6)
 AGREEMENT = 3.0
 """Pairs agree with the median within so many standard deviations."""
 
+Deviations = Float64[np.ndarray, "n 2"]
+"""Standard deviations by what is a pair's own, and by what windows round off in every pair."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairHeights:
+    """Heights of the cells of a grid by one pair, metres; NaN in cells without."""
+
+    heights: Picture
+    """Metres."""
+    own: Picture
+    """Standard deviations by what is this pair's own."""
+    rounding: Picture
+    """Standard deviations by what the window rounds off, the same in every pair."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellHeights:
@@ -35,7 +50,7 @@ class CellHeights:
     """Pairs that agree; nought in holes."""
 
 
-def object_points(pair: RectifiedPair, found: Parallaxes) -> tuple[ObjectPoints, Scalars]:
+def object_points(pair: RectifiedPair, found: Parallaxes) -> tuple[ObjectPoints, Deviations]:
     """Where the rays of both photos meet, and the standard deviations of the heights, metres.
 
     Each ray goes through the perspective centre and the place of the start surface that the photo
@@ -56,7 +71,8 @@ def object_points(pair: RectifiedPair, found: Parallaxes) -> tuple[ObjectPoints,
     place = np.column_stack(
         [u_left + (height - z_left) * lean_left[0], v + (height - z_left) * lean_left[1]]
     )
-    sigma = found.sigma_px[rows, columns] * px / np.abs(apart)
+    sigma_px = np.column_stack([found.sigma_px[rows, columns], found.rounding_px[rows, columns]])
+    sigma = sigma_px * (px / np.abs(apart))[:, None]
     # Beyond the edge of the DEM there is no start surface, and no height from it.
     known = np.isfinite(height)
     points = np.column_stack([pair.frame.to_object(place[known]), height[known]])
@@ -78,41 +94,53 @@ def _lean(laid: LaidPhoto, u: Scalars, v: Scalars, z: Scalars) -> tuple[Scalars,
 
 
 def cell_heights(
-    points: ObjectPoints, sigmas: Scalars, cells: Grid, pixel_m: float
-) -> tuple[Picture, Picture]:
-    """Heights and standard deviations of the cells of a grid from the points of one pair."""
+    points: ObjectPoints, sigmas: Deviations, cells: Grid, pixel_m: float
+) -> PairHeights:
+    """Heights of the cells of a grid from the points of one pair: their weighted means."""
     place = np.floor(cells.grid_from_object(points[:, :2])).astype(np.int64)
     inside = ((place >= 0) & (place < (cells.columns, cells.rows))).all(axis=1)
     cell = place[inside, 1] * cells.columns + place[inside, 0]
-    size = cells.columns * cells.rows
-    weight = 1 / sigmas[inside] ** 2
+    own, rounding = sigmas[inside].T ** 2
+    weight = 1 / (own + rounding)
     level = float(points[0, 2]) if len(points) else 0.0
-    total = np.bincount(cell, weight, size)
-    sums = np.bincount(cell, weight * (points[inside, 2] - level), size)
+    size = cells.columns * cells.rows
+    total, sums, owns, roundings = (
+        np.bincount(cell, values, size)
+        for values in (
+            weight,
+            weight * (points[inside, 2] - level),
+            weight**2 * own,
+            weight * rounding,
+        )
+    )
     count = np.bincount(cell, minlength=size)
     # Neighbouring points share their windows: a cell no larger than one is one measurement.
     in_cell = (cells.ground_sample_distance_m / pixel_m) ** 2
     shared = min(4 * np.pi * WINDOW_SIGMA_PX**2, max(in_cell, 1.0))
     known = count >= max(LEAST_SHARE * in_cell, 1.0)
     safe = np.where(known, total, 1.0)
-    heights = np.where(known, sums / safe + level, np.nan)
-    variance = np.where(known, np.minimum(shared, np.maximum(count, 1)) / safe, np.nan)
-    shape = (cells.rows, cells.columns)
-    return (
-        heights.reshape(shape).astype(np.float32),
-        np.sqrt(variance).reshape(shape).astype(np.float32),
+    alike = np.minimum(shared, np.maximum(count, 1))
+
+    def picture(values: Scalars) -> Picture:
+        shown = np.where(known, values, np.nan).astype(np.float32)
+        return shown.reshape(cells.rows, cells.columns)
+
+    return PairHeights(
+        picture(sums / safe + level),
+        picture(np.sqrt(alike * owns) / safe),
+        picture(np.sqrt(roundings / safe)),
     )
 
 
 def fuse_pairs(
-    found: Sequence[tuple[Picture, Picture]], photos: Sequence[tuple[str, str]], cells: Grid
+    found: Sequence[PairHeights], photos: Sequence[tuple[str, str]], cells: Grid
 ) -> CellHeights:
     """One surface of all pairs: the weighted mean of those that agree with the weighted median.
 
     Where no two of several pairs agree, and where no majority of weight agrees, there is a hole.
 
     Args:
-        found: Heights and standard deviations of the cells by each pair.
+        found: The cells by each pair.
         photos: Names of the photos of each pair.
         cells: Where the cells lie.
     """
@@ -120,12 +148,15 @@ def fuse_pairs(
     if not found:
         empty = np.full(shape, np.nan, dtype=np.float32)
         return CellHeights(empty, empty, np.zeros(shape, dtype=np.uint8))
-    heights = np.stack([one[0] for one in found])
-    sigmas = np.stack([one[1] for one in found])
+    heights = np.stack([one.heights for one in found])
     known = np.isfinite(heights)
-    weights = np.where(known, 1 / np.where(known, sigmas, 1) ** 2, 0)
+    own, rounding = (
+        np.where(known, np.stack(values) ** 2, 1)
+        for values in ([one.own for one in found], [one.rounding for one in found])
+    )
+    weights = np.where(known, 1 / (own + rounding), 0)
     middle = _weighted_median(heights, weights)
-    agree = known & (np.abs(heights - middle) <= AGREEMENT * np.where(known, sigmas, 0))
+    agree = known & (np.abs(heights - middle) <= AGREEMENT * np.sqrt(own + rounding))
     used = np.where(agree, weights, 0)
     total, count = used.sum(axis=0), agree.sum(axis=0)
     # The majority: what contradicts may not weigh as much as what agrees, nor one pair as a second.
@@ -134,11 +165,13 @@ def fuse_pairs(
     safe = np.where(sound, total, 1)
     mean = (used * np.where(agree, heights, 0)).sum(axis=0) / safe
     # Three pairs of three photos say no more than two of them.
-    alike = np.sqrt(count / np.maximum(_photos_in(agree, photos) - 1, 1))
-    sigma = _sigma_of(np.where(agree, heights - mean, 0), used, count, safe)
+    alike = np.maximum(count / np.maximum(_photos_in(agree, photos) - 1, 1), 1)
+    scatter = _scatter(np.where(agree & sound, (heights - mean) ** 2 / own, 0), count, sound)
+    variance = alike * scatter * (used**2 * own).sum(axis=0) / safe**2
+    variance += (used * rounding).sum(axis=0) / safe
     return CellHeights(
         np.where(sound, mean, np.nan).astype(np.float32),
-        np.where(sound, alike * sigma, np.nan).astype(np.float32),
+        np.where(sound, np.sqrt(variance), np.nan).astype(np.float32),
         np.where(sound, count, 0).astype(np.uint8),
     )
 
@@ -153,23 +186,20 @@ def _photos_in(
     return found
 
 
-def _sigma_of(
-    residuals: Float32[np.ndarray, "pairs r c"],
-    weights: Float32[np.ndarray, "pairs r c"],
-    count: np.ndarray,
-    total: np.ndarray,
-) -> np.ndarray:
-    """From what is known of each pair, and from how far they scatter where that is more.
+def _scatter(squares: Float32[np.ndarray, "pairs r c"], count: np.ndarray, sound: Mask) -> Picture:
+    """How much farther pairs scatter than their own standard deviations say, squared; at least 1.
 
-    Scatter of a few pairs says little of one cell, so that of all cells around is taken.
+    A few pairs say little of one cell, so those of all cells around are taken.
+
+    Args:
+        squares: Squared residuals over squared standard deviations; nought where pairs disagree.
+        count: Pairs that agree.
+        sound: Cells that have a height.
     """
-    squares = (weights * residuals**2).sum(axis=0)
-    freedom = np.maximum(count - 1, 0)
     around = (4 * int(WINDOW_SIGMA_PX) + 1,) * 2
-    known = np.where(total > 0, freedom, 0).astype(np.float32)
-    scatter = cv2.blur(squares.astype(np.float32), around)
-    factor = scatter / np.maximum(cv2.blur(known, around), NOTHING)
-    return np.sqrt(np.maximum(factor, 1) / total)
+    freedom = np.where(sound, np.maximum(count - 1, 0), 0).astype(np.float32)
+    total = cv2.blur(squares.sum(axis=0).astype(np.float32), around)
+    return np.maximum(total / np.maximum(cv2.blur(freedom, around), NOTHING), 1)
 
 
 def _weighted_median(

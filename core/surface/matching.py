@@ -71,7 +71,9 @@ class Parallaxes:
     parallax_px: Picture
     """Column in the left photo minus column in the right one; positive above the start surface."""
     sigma_px: Picture
-    """Its standard deviation."""
+    """Its standard deviation by grain and orientations, each pair's own."""
+    rounding_px: Picture
+    """Standard deviation of what its window rounds off, the same in every pair."""
     found: Mask
     """Where there is one."""
 
@@ -149,10 +151,26 @@ def _least_squares(
     shown = _at(seen.astype(np.float32), columns - smooth, rows) > 0.5
     sigma = sigma * _likeness(difference, slope, found)
     across = _across(difference, _slope(left.T).T + _slope(moved.T).T, found & shown)
-    # A window that reaches over an edge rounds it off: by about what smoothing once more does.
     parallax = smooth + np.where(found, step, np.float32(0))
-    sigma = np.sqrt(sigma**2 + (parallax - _smooth(parallax, found)) ** 2 + across**2)
-    return Parallaxes(parallax, sigma, found & shown & (sigma < MOST_SIGMA_PX))
+    rounding = _rounding(parallax, sigma, found)
+    sigma = np.hypot(sigma, np.float32(across))
+    good = np.hypot(sigma, rounding) < MOST_SIGMA_PX
+    return Parallaxes(parallax, sigma, rounding, found & shown & good)
+
+
+def _rounding(parallax: Picture, sigma: Picture, found: Mask) -> Picture:
+    """How far parallaxes scatter in each window about a plane, which it measures without bias.
+
+    Their own errors, smooth over the same window, scatter in it by half of their variance, and half
+    of that is a plane. Semi-global matching widens what stands by up to half of its square.
+    """
+    known = found.astype(np.float32)
+    share = np.maximum(_window(known), np.float32(LEAST_KNOWN))
+    mean = _window(parallax * known) / share
+    scatter = _window(parallax**2 * known) / share - mean**2
+    plane = WINDOW_SIGMA_PX**2 * (_slope(mean) ** 2 + _slope(mean.T).T ** 2)
+    left = np.sqrt(np.maximum(scatter - plane - sigma**2 / 4, np.float32(0)))
+    return np.asarray(cv2.dilate(left, np.ones((BLOCK_PX, BLOCK_PX), dtype=np.uint8)))
 
 
 def _across(difference: Picture, slopes: Picture, found: Mask) -> float:

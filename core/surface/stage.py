@@ -25,7 +25,7 @@ from core.raster.grid import (
     window_of,
 )
 from core.said import say
-from core.surface.fusion import CellHeights, cell_heights, fuse_pairs, object_points
+from core.surface.fusion import CellHeights, PairHeights, cell_heights, fuse_pairs, object_points
 from core.surface.ground import (
     NODATA_M,
     CorrectedHeights,
@@ -229,7 +229,7 @@ class _Level:
     def tile(self, tile: Tile) -> tuple[CellHeights, Mask]:
         """The surface of a tile, and which of its cells two photos show."""
         cells = self.grid.window(*tile)
-        found: list[tuple[Picture, Picture]] = []
+        found: list[PairHeights] = []
         photos: list[tuple[str, str]] = []
         shown = np.zeros((cells.rows, cells.columns), dtype=bool)
         for pair in pairs_over(self.pairs, cells.bounds):

@@ -59,7 +59,7 @@ def bare_match(pair: RectifiedPair, reach_px: int) -> Parallaxes:
         cv2.INTER_NEAREST,
     )
     found = (raw > -reach * 16) & pair.left.seen & (there > 0)
-    return Parallaxes(parallax, np.full(raw.shape, 0.3, np.float32), found)
+    return Parallaxes(parallax, np.full(raw.shape, 0.3, np.float32), np.zeros_like(parallax), found)
 
 
 def made(scene: SurfaceScene, folder: Path) -> tuple[SurfaceProduct, float]:

@@ -8,7 +8,7 @@ import pytest
 
 from core.block import Block
 from core.raster.grid import Grid
-from core.surface.fusion import cell_heights, fuse_pairs, object_points
+from core.surface.fusion import PairHeights, cell_heights, fuse_pairs, object_points
 from core.surface.ground import fit_trend, hillshade
 from core.surface.matching import match_pair
 from core.surface.rectified import LaidPhoto, RectifiedPair, Turned, pairs_over, sound_pairs
@@ -97,17 +97,42 @@ def test_parallaxes_are_found_to_parts_of_a_pixel__truth():
 def test_a_parallax_says_how_well_it_is_known__truth(grain):
     found = match_pair(shifted_pair(np.full((320, 320), 2.3), grain, 5), 8)
     inner = np.s_[30:-30, 40:-40]
-    ratio = ((found.parallax_px - 2.3) / found.sigma_px)[inner][found.found[inner]]
+    sigma = np.hypot(found.sigma_px, found.rounding_px)
+    ratio = ((found.parallax_px - 2.3) / sigma)[inner][found.found[inner]]
     assert 0.7 < 1.48 * np.median(np.abs(ratio)) < 1.3
+
+
+def test_a_wall_that_windows_round_off_is_known_less_well__truth():
+    columns = np.arange(320)
+    true = np.broadcast_to(np.where(columns < 160, 0.0, 4.0), (240, 320))
+    found = match_pair(shifted_pair(true, 3.0, 11), 16)
+    part = np.s_[60:-60, 140:184]
+
+    def grossly_off(sigma: np.ndarray) -> float:
+        """Share of parallaxes off by more than three standard deviations."""
+        off = np.abs(found.parallax_px - true) > 3 * sigma
+        return float(off[part][found.found[part]].mean())
+
+    alone = grossly_off(found.sigma_px)
+    assert alone > 0.1
+    assert grossly_off(np.hypot(found.sigma_px, found.rounding_px)) < alone / 2
+
+
+def test_a_slope_is_not_rounded_off__truth():
+    columns = np.arange(320) - 160.0
+    pair = shifted_pair(np.broadcast_to(0.2 * np.abs(columns), (240, 320)), 3.0, 11)
+    found = match_pair(pair, 48)
+    for part in (np.s_[60:-60, 80:130], np.s_[60:-60, 200:240]):
+        assert np.median(found.rounding_px[part]) < 0.5 * np.median(found.sigma_px[part])
 
 
 CELLS = Grid(0, 40, 1.0, 40, 40)
 RING = [("a", "b"), ("b", "c"), ("a", "c")]
 
 
-def level(height: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+def level(height: float, sigma: float, rounding: float = 0.0) -> PairHeights:
     shape = (CELLS.rows, CELLS.columns)
-    return np.full(shape, height, np.float32), np.full(shape, sigma, np.float32)
+    return PairHeights(*(np.full(shape, value, np.float32) for value in (height, sigma, rounding)))
 
 
 def test_pairs_that_agree_outvote_one_that_does_not__truth():
@@ -130,6 +155,19 @@ def test_weights_and_scatter_make_the_standard_deviation__truth():
     rough = fuse_pairs([level(10, 0.3), level(11, 0.4)], RING[:2], CELLS)
     # Chi squared of one freedom is 1 / (0.3^2 + 0.4^2) = 4, so twice as much.
     np.testing.assert_allclose(rough.sigmas, 0.48, atol=1e-4)
+
+
+def test_what_windows_round_off_stays_however_many_pairs_agree__truth():
+    fused = fuse_pairs([level(10, 0.3, 0.5)] * 2, [("a", "b"), ("c", "d")], CELLS)
+    np.testing.assert_allclose(fused.sigmas, np.hypot(0.3 / np.sqrt(2), 0.5), atol=1e-4)
+
+
+def test_pairs_that_contradict_each_other_say_nothing_of_the_cells_beside__truth():
+    left, right = level(10, 0.3), level(10, 0.3)
+    right.heights[:, 20:] = 30
+    fused = fuse_pairs([left, right], RING[:2], CELLS)
+    assert np.isnan(fused.heights[:, 20:]).all()
+    np.testing.assert_allclose(fused.sigmas[:, :20], 0.3 / np.sqrt(2), atol=1e-4)
 
 
 def test_three_pairs_of_three_photos_are_worth_two__truth():
@@ -157,11 +195,12 @@ def test_beyond_the_dem_there_are_no_points__law():
 def test_cells_with_too_few_points_stay_open__truth():
     places = np.array([[x + 0.25, y + 0.25] for x in range(10) for y in range(10)])
     points = np.column_stack([places, 100 + places[:, 0]])
-    heights, sigmas = cell_heights(points, np.full(len(points), 0.5), Grid(0, 10, 2.0, 5, 5), 0.5)
-    np.testing.assert_allclose(heights[0], 100.75 + 2 * np.arange(5), atol=1e-4)
-    sparse, _ = cell_heights(points[::3], np.full(34, 0.5), Grid(0, 10, 2.0, 5, 5), 0.5)
-    assert np.isnan(sparse).any()
-    assert (sigmas > 0).all()
+    sigmas, grid = np.full((len(points), 2), 0.5), Grid(0, 10, 2.0, 5, 5)
+    found = cell_heights(points, sigmas, grid, 0.5)
+    np.testing.assert_allclose(found.heights[0], 100.75 + 2 * np.arange(5), atol=1e-4)
+    assert np.isnan(cell_heights(points[::3], sigmas[::3], grid, 0.5).heights).any()
+    # Four points whose windows are nearly one: their mean is no better known than each.
+    np.testing.assert_allclose([found.own, found.rounding], 0.5, atol=1e-6)
 
 
 def test_the_trend_ignores_what_stands_on_the_ground__truth():
