@@ -3,6 +3,7 @@
 The choice is a raster of classes, and a correction of the DEM that is nought where the DEM holds.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -66,8 +67,8 @@ OBJECT_M = 25.0
 # design: a fifth of a sports ground; a hall of this size is taken out by its edges.
 LEAST_AREA_M2 = 2000.0
 """Ground has changed over a connected area of this size at least."""
-# source: earth does not stand steeper than 1 : 1; the windows of matching make walls of 15 m so
-STEEPEST = 1.0
+# source: angle of repose of earth and gravel, 37 degrees at most (Terzaghi and Peck 1967)
+STEEPEST = 0.75
 """Rise over run of the edge, beyond which what is higher stands on the ground."""
 # design: bare ground has one by definition, a canopy of crowns and gaps has several.
 ROUGHEST = 1.7
@@ -214,25 +215,39 @@ def _choose(
     limit = LIMIT * np.hypot(np.where(known, sigmas, 0), dem_sigma_m)
     agrees = known & (np.abs(smooth) <= limit)
     ground = _without_objects(smooth, agrees, cell_m)
-    changed = known & (np.abs(ground) > limit)
-    count, numbers, stats, _ = cv2.connectedComponentsWithStats(changed.astype(np.uint8))
-    accepted = np.zeros(count, dtype=bool)
-    slope = np.hypot(*np.gradient(smooth, cell_m))
-    rough = _roughness(smooth, away)
-    for number in range(1, count):
-        if stats[number, cv2.CC_STAT_AREA] * cell_m**2 < LEAST_AREA_M2:
-            continue
-        part = numbers == number
-        high = float(np.median(ground[part])) > 0
-        ratio = float(np.median(rough[part & known] / sigmas[part & known]))
-        accepted[number] = not (high and (_is_steep(part, slope) or ratio > ROUGHEST))
-    own = accepted[np.asarray(numbers, dtype=np.int64)].astype(np.uint8)
-    wide = cv2.dilate(own, _disc(EDGE_CELLS))
+    slope, wall = (np.hypot(*np.gradient(one, cell_m)) for one in (smooth, ground))
+    excess = _roughness(smooth, away) / np.where(known, sigmas, np.inf)
+    # A wood beside changed ground is parted from it by its wall.
+    high = known & (ground > limit)
+    low = known & (ground < -limit)
+    own = _parts(high & (wall <= STEEPEST), cell_m, lambda part: _is_bare(part, slope, excess))
+    own |= _parts(low, cell_m, lambda part: True)
+    wide = cv2.dilate(own.astype(np.uint8), _disc(EDGE_CELLS))
     share = np.asarray(cv2.GaussianBlur(wide.astype(np.float32), (0, 0), NEAR_CELLS))
+    stands = (high | low) & ~own
+    ground = np.where(stands, bridged(np.where(stands, np.nan, ground)), ground)
     chosen = np.where(agrees, Ground.DEM, Ground.DEM_UNDER_SURFACE)
     chosen = np.where(known, chosen, Ground.DEM_ALONE)
-    chosen = np.where(own > 0, Ground.SURFACE, chosen)
+    chosen = np.where(own, Ground.SURFACE, chosen)
     return (share * ground).astype(np.float32), chosen.astype(np.uint8)
+
+
+def _parts(mask: Mask, cell_m: float, holds: Callable[[Mask], bool]) -> Mask:
+    """The connected parts of a mask that are large enough and of which something holds."""
+    count, numbers, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    accepted = np.zeros(count, dtype=bool)
+    for number in range(1, count):
+        large = stats[number, cv2.CC_STAT_AREA] * cell_m**2 >= LEAST_AREA_M2
+        accepted[number] = large and holds(numbers == number)
+    return accepted[np.asarray(numbers, dtype=np.int64)]
+
+
+def _is_bare(part: Mask, slope: Picture, excess: Picture) -> bool:
+    """Whether a part that is higher is ground: no canopy, and most of its edge no wall."""
+    inner = part.astype(np.uint8)
+    edge = (cv2.dilate(inner, _disc(1)) > 0) & (cv2.erode(inner, _disc(1)) == 0)
+    highest = cv2.dilate(slope.astype(np.float32), _disc(2))
+    return np.median(highest[edge]) <= STEEPEST and np.median(excess[part]) <= ROUGHEST
 
 
 def _without_objects(smooth: Picture, agrees: Mask, cell_m: float) -> Picture:
@@ -252,14 +267,6 @@ def _roughness(smooth: Picture, away: Picture) -> Picture:
     mean = np.asarray(cv2.blur(squares, AROUND)) / np.maximum(share, LEAST_KNOWN)
     # Sums that run along the rows come out below nought by their rounding.
     return np.sqrt(np.maximum(mean, 0))
-
-
-def _is_steep(part: Mask, slope: Picture) -> bool:
-    """Whether most of the edge of a part is a wall."""
-    inner = part.astype(np.uint8)
-    edge = (cv2.dilate(inner, _disc(1)) > 0) & (cv2.erode(inner, _disc(1)) == 0)
-    highest = cv2.dilate(slope.astype(np.float32), _disc(2))
-    return float(np.median(highest[edge])) > STEEPEST
 
 
 def _disc(radius: int) -> UInt8[np.ndarray, "side side"]:

@@ -49,6 +49,7 @@ def differences():
     standing[60:70, 90:102] = 6.0  # a house on the embankment
     standing[60:72, 300:312] = 7.0  # a house beside it
     standing[150:280, 250:360] = 14.0 + rng.normal(0, 2.0, (130, 110))  # a wood
+    standing[50:100, 150:200] = 14.0 + rng.normal(0, 2.0, (50, 50))  # a wood against its slope
     values = change + standing + noise
     values[10:20, 200:230] = np.nan
     return change, standing, values
@@ -76,6 +77,7 @@ def test_changed_ground_stands_on_its_own_surface__truth(differences, chosen):
     assert (true & own).sum() / (true | own).sum() > 0.7
     assert made.changed_m2 == own.sum() * CELL_M**2
     error = ground.on(GRID) - 250.0 - change
+    true[:, 140:210] = False  # where a wood hides its slope
     before, after = np.sqrt(np.mean(change[true] ** 2)), np.sqrt(np.mean(error[true] ** 2))
     assert before > 5.0
     assert after < 1.0
@@ -89,6 +91,9 @@ def test_houses_and_woods_do_not_lift_the_ground__truth(differences, chosen):
     assert np.abs(ground.on(GRID)[on_level] - 250.0).max() < 1e-6
     wood = np.s_[170:260, 270:340]
     assert (classes[wood] == Ground.DEM_UNDER_SURFACE).mean() > 0.95
+    beside = np.s_[58:92, 168:192]
+    assert (classes[beside] == Ground.DEM_UNDER_SURFACE).all()
+    assert np.abs(ground.on(GRID)[beside] - 250.0).max() < 1e-6
     house = np.s_[61:69, 91:101]
     assert np.abs(ground.on(GRID)[house] - 258.0).max() < 1.5
 
