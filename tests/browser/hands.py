@@ -1,6 +1,7 @@
 """What a hand does at the desk, and what an eye reads off it."""
 
 import time
+from collections.abc import Callable
 from contextlib import contextmanager
 from typing import Any
 
@@ -14,6 +15,7 @@ def sigma(page) -> float:
 
 
 def current(page) -> str:
+    drawn(page)
     return page.get_attribute(".row.current", "data-key")
 
 
@@ -41,6 +43,14 @@ def caught_up(page) -> None:
 def drawn(page) -> None:
     """Wait until what was asked is on screen: pages draw once per frame."""
     page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def until(page: Any, is_so: Callable[[], object]) -> None:
+    """Wait for what no page tells, as the session on the disk does; the page lives meanwhile."""
+    deadline = time.monotonic() + PATIENCE_MS / 1000
+    while not is_so():
+        assert time.monotonic() < deadline, "it has not come to be so"
+        page.wait_for_timeout(20)
 
 
 def gone_on(page, key: str) -> None:
@@ -73,6 +83,8 @@ def grow(page, part: str) -> None:
 
 def press(page, key: str) -> tuple[str, float, float]:
     """Press a key on the current point: its name, sigma nought before, seconds until it changed."""
+    # What an adjustment under way comes to is not of this key.
+    settled(page)
     caught_up(page)
     point, before = current(page), page.get_attribute("#sigma", "data-value")
     begun = time.perf_counter()
@@ -80,6 +92,16 @@ def press(page, key: str) -> tuple[str, float, float]:
     changed = "before => document.getElementById('sigma').dataset.value !== before"
     page.wait_for_function(changed, arg=before, polling=10)
     return point, float(before), time.perf_counter() - begun
+
+
+AT_ONCE = """keys => keys.forEach(key => (document.activeElement ?? document.body).dispatchEvent(
+  new KeyboardEvent("keydown", { key, code: `Key${key.toUpperCase()}`, view: window,
+    bubbles: true })))"""
+
+
+def at_once(page, *letters: str) -> None:
+    """Letters pressed in one breath: however slow the page, it draws nothing between them."""
+    page.evaluate(AT_ONCE, list(letters))
 
 
 def settled(page) -> None:

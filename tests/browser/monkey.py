@@ -16,6 +16,7 @@ from playwright.sync_api import TimeoutError as TooLong
 
 from sessions.decisions import AddPoint, Decision, SignBlock, Withdraw, standing
 from sessions.session import Session
+from tests.browser.conftest import PATIENCE_MS
 from tests.browser.meaning import (
     ANSWERS,
     ARROWS,
@@ -35,7 +36,7 @@ from tests.browser.test_desk_layout import CUT_OFF
 LARGE = ((1366, 768), (1600, 1000), (1920, 1080))
 SIZES = (*LARGE, (1024, 700), (800, 600))
 OPERATOR = "monkey"
-PATIENCE_S = 10.0
+PATIENCE_S = PATIENCE_MS / 1000
 QUIET_S = 0.03
 CONTROLS = """() => [...document.querySelectorAll("button, a, select, input, textarea, summary, "
     + ".row, .chip, .mark, tr, .split, [data-column], .pane")].filter(e => !e.disabled)

@@ -181,7 +181,7 @@ def test_a_row_clicked_while_a_name_is_typed_is_chosen__law(sit):
         }""",
         key,
     )
-    page.wait_for_timeout(400)
+    page.wait_for_function("gruber.parts.queue.filter.text === ''")
     caught_up(page)
     assert page.evaluate("gruber.parts.queue.filter.text") == ""
     assert current(page) == key
@@ -194,7 +194,7 @@ def test_a_key_held_down_decides_once__law(sit):
         page.keyboard.down("n")
     page.keyboard.up("n")
     page.wait_for_function("gruber.parts.status.decided >= 1")
-    page.wait_for_timeout(300)
+    caught_up(page)
     assert page.evaluate("gruber.parts.status.decided") == 1
 
 
@@ -377,7 +377,7 @@ def test_a_draft_waits_is_asked_about_and_kept_or_dropped__law(sit, tmp_path):
     click_beside(page, delay=1500)
     click_beside(page, button="middle")
     click_beside(page, button="right")
-    page.wait_for_timeout(400)
+    caught_up(page)
     assert page.evaluate("gruber.parts.point.draft") is None
     click_beside(page)
     page.wait_for_selector("#asked.draft #keep")
@@ -499,9 +499,9 @@ def test_a_hand_ahead_of_the_picture_judges_nothing_twice__law(sit):
         "() => ['m', 'y'].forEach(key => "
         "window.dispatchEvent(new KeyboardEvent('keydown', { key })))"
     )
-    page.wait_for_function("gruber.parts.status.decided === 1")
     page.wait_for_selector(f".notice:has-text('{words()['notice.ahead']}')")
-    page.wait_for_timeout(300)
+    page.wait_for_function("gruber.parts.status.decided === 1")
+    caught_up(page)
     assert state_of(page, first) == "dubious"
     assert page.evaluate("gruber.parts.status.decided") == 1
     second = current(page)

@@ -13,6 +13,7 @@ from sessions.decisions import Place, PlanChecks, ReadCheck, Recorded, SignBlock
 from sessions.remarks import standing_faults
 from tests.browser.conftest import PATIENCE_MS, RealDesk
 from tests.browser.hands import (
+    at_once,
     caught_up,
     mark_place,
     open_checks,
@@ -20,6 +21,7 @@ from tests.browser.hands import (
     settled,
     sit_down_as,
     unfold,
+    until,
     wire_cut,
 )
 
@@ -68,8 +70,7 @@ def test_the_question_about_a_plan_is_in_sight_of_the_sheet_as_long_as_it_is_ask
     open_checks(page)
     known = len(real_desk.session.decisions())
     for no in ("Escape", "j", "k", "pointer"):
-        page.keyboard.press("u")
-        page.keyboard.press("u")  # before it is asked, and so no answer
+        at_once(page, "u", "u")  # the second before it is asked, and so no answer
         page.wait_for_selector("#checks #turning:has-text('Withdraw check plan 1 of')")
         caught_up(page)
         if no == "pointer":
@@ -160,14 +161,6 @@ def readings(desk: RealDesk) -> set[tuple[str, str]]:
     return {(one.decision.place_id, one.who) for one in said if isinstance(one.decision, ReadCheck)}
 
 
-def until(is_so: Callable[[], bool]) -> None:
-    """Wait for something, a few seconds at most."""
-    deadline = time.monotonic() + 10
-    while not is_so():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-
-
 def test_two_observers_read_blind_and_the_bias_is_recovered__truth(
     planned: None, real_desk: RealDesk, sit_at: Sit
 ) -> None:
@@ -190,7 +183,7 @@ def test_two_observers_read_blind_and_the_bias_is_recovered__truth(
             if who == "ada":
                 read.append(name)
         # The page goes on before the session has written what was kept.
-        until(lambda who=who: {name for name, by in readings(real_desk) if by == who} >= set(read))
+        until(page, lambda who=who: {n for n, by in readings(real_desk) if by == who} >= set(read))
         page.close()
     session = real_desk.session
     said = session.decisions()
@@ -221,14 +214,13 @@ def test_a_reading_far_off_is_asked_about_before_it_is_kept__law(
     caught_up(page)
     assert page.evaluate("gruber.checksState().current") == name
     assert not readings(real_desk)
-    page.keyboard.press("y")
-    page.keyboard.press("y")  # which nobody presses for an answer: the question is not read yet
+    at_once(page, "y", "y")  # which nobody presses for an answer: the question is not read yet
     page.wait_for_selector(".notice:has-text('only just appeared')")
     page.wait_for_selector("#checks-state:has-text('further apart')")
     caught_up(page)
     page.keyboard.press("y")
     page.wait_for_function("name => gruber.checksState().current !== name", arg=name)
-    until(lambda: {place for place, _ in readings(real_desk)} == {name})
+    until(page, lambda: {place for place, _ in readings(real_desk)} == {name})
 
 
 def test_a_signature_is_outdated_by_a_decision_and_holds_again_once_undone__law(
@@ -386,7 +378,7 @@ def test_marks_that_are_not_kept_outlive_the_page_and_are_their_observers_alone_
     open_checks(page)
     page.keyboard.press("y")
     page.wait_for_function("name => gruber.checksState().current !== name", arg=name)
-    until(lambda: readings(real_desk) == {(name, "ada")})
+    until(page, lambda: readings(real_desk) == {(name, "ada")})
     page.reload()
     page.wait_for_selector(".row.current")
     page.wait_for_function("document.getElementById('who').dataset.name === 'ada'")

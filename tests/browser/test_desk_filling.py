@@ -10,6 +10,7 @@ from app.desk.wiring import open_desk
 from app.project import read_project
 from sessions.decisions import FillMarks, JudgeFiducial, PlaceFiducial
 from sessions.session import Session
+from tests.browser.hands import caught_up, drawn
 from tests.ui.unmarked import without_marks
 
 CELLS = "gruber.boardState().found.photos.flatMap(row => row.cells.map(cell => cell.state))"
@@ -41,11 +42,14 @@ def point_at(page: Any, place: Any):
     rough = page.evaluate("name => gruber.boardState().pointed[name]", photo)
     assert np.hypot(*np.subtract(rough, place)) < 2 / scale
     page.keyboard.press("f")
-    page.wait_for_timeout(100)
+    drawn(page)
     window = page.evaluate("gruber.boardState().found.photos[0].window")
     scale = box["width"] / (1.6 * window)
     page.mouse.click(*(middle + np.subtract(place, rough) * scale).tolist())
-    page.wait_for_timeout(100)
+    page.wait_for_function(
+        "([name, rough]) => String(gruber.boardState().pointed[name]) !== String(rough)",
+        arg=[photo, rough],
+    )
     near = page.evaluate("name => gruber.boardState().pointed[name]", photo)
     assert np.hypot(*np.subtract(near, place)) < 0.3
 
@@ -63,6 +67,22 @@ def worst_first(page: Any):
         )
     )
     return doubts[current_mark(page)] == max(doubts.values()) >= 0.5
+
+
+def place_beside(page: Any) -> None:
+    """Place the mark that is shown a little beside, keep it, and be at the next."""
+    current = current_mark(page)
+    box = page.locator("#mark-room .magnified").bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2 + 5, box["y"] + box["height"] / 2 + 3)
+    page.wait_for_selector("#board-draft")
+    caught_up(page)
+    if page.locator("#board-draft.against").count():
+        page.keyboard.press("y")
+        caught_up(page)
+    page.keyboard.press("y")
+    page.wait_for_selector(f'#board .mark.placed[data-mark="{current}"]')
+    # Only then is the next one shown.
+    caught_up(page)
 
 
 def test_one_mark_is_shown_and_the_others_are_found_corrected_and_undone__truth(
@@ -93,16 +113,7 @@ def test_one_mark_is_shown_and_the_others_are_found_corrected_and_undone__truth(
     page.keyboard.press("y")
     page.wait_for_selector(f'#board .mark.used[data-mark="{first}"]')
     for _ in range(2):
-        current = current_mark(page)
-        box = page.locator("#mark-room .magnified").bounding_box()
-        page.mouse.click(box["x"] + box["width"] / 2 + 5, box["y"] + box["height"] / 2 + 3)
-        page.wait_for_selector("#board-draft")
-        page.wait_for_function("!gruber.isAhead()")
-        if page.locator("#board-draft.against").count():
-            page.keyboard.press("y")
-            page.wait_for_function("!gruber.isAhead()")
-        page.keyboard.press("y")
-        page.wait_for_selector(f'#board .mark.placed[data-mark="{current}"]')
+        place_beside(page)
     kinds = [type(item.decision) for item in session.decisions()][-4:]
     assert kinds == [FillMarks, JudgeFiducial, PlaceFiducial, PlaceFiducial]
     # All at once, whatever was said of single marks since.

@@ -123,8 +123,7 @@ def test_a_button_that_went_away_leaves_no_other_under_enter__law(
     before = len(real_desk.session.decisions())
     for _ in range(4):
         page.keyboard.press("Enter")
-    page.wait_for_function("!gruber.isAhead()")
-    page.wait_for_timeout(300)
+    caught_up(page)
     made = [item.decision for item in real_desk.session.decisions()[before:]]
     assert [type(one) for one in made] == [ReadCheck]
 
@@ -176,6 +175,7 @@ def test_nothing_is_chosen_once_it_is_signed__law(page: Any) -> None:
     # What was refused stays chosen: the remark is missing.
     assert page.input_value("#quality #sign-verdict") == "accept-with-remarks"
     page.fill("#quality #sign-remark", "small holes")
+    caught_up(page)
     page.click("#quality #sign")
     page.wait_for_selector("#quality .signature")
     assert page.input_value("#quality #sign-verdict") == ""

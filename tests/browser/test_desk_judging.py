@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.browser.hands import current, gone_on, unfold
+from tests.browser.hands import current, gone_on, unfold, until
 
 INK = """([pane, [red, green, blue]]) => {
   const canvas = document.querySelector(`.pane[data-pane=${pane}] .marks`);
@@ -41,12 +41,14 @@ def test_places_beside_the_pictures_are_of_the_point_in_sight__law(sit):
     point = current(page)
     page.keyboard.press("j")
     gone_on(page, point)
-    page.wait_for_timeout(200)
-    said = page.inner_text('[data-pane="left"] .where').replace("\u2212", "-")
-    east, north = (float(part) for part in said.split())
-    view = page.evaluate("gruber.compareState().view")
-    assert abs(east - view["east"]) < 1
-    assert abs(north - view["north"]) < 1
+
+    def is_in_sight() -> bool:
+        said = page.inner_text('[data-pane="left"] .where').replace("\u2212", "-")
+        view = page.evaluate("(({ east, north }) => [east, north])(gruber.compareState().view)")
+        told = zip(said.split(), view, strict=True)
+        return all(abs(float(part) - middle) < 1 for part, middle in told)
+
+    until(page, is_in_sight)
 
 
 @pytest.fixture
@@ -68,8 +70,7 @@ def test_edges_of_the_ortho_are_laid_over_the_scan_alone__law(page):
     page.wait_for_function(f"({INK})(['right', {EDGE}]) > 300")
     page.click('[data-act="edges"]')
     page.mouse.move(5, 5)
-    page.wait_for_timeout(200)
-    assert page.evaluate(INK, ["right", EDGE]) == 0
+    page.wait_for_function(f"({INK})(['right', {EDGE}]) === 0")
 
 
 def test_pictures_flicker_by_themselves_as_fast_as_asked__law(page):
@@ -86,8 +87,7 @@ def test_pictures_flicker_by_themselves_as_fast_as_asked__law(page):
     )
     page.wait_for_function("swaps >= 4")
     page.keyboard.press("t")
-    page.wait_for_function(f"label => {LABEL} === label", arg=at_rest)
-    page.wait_for_timeout(200)
+    page.wait_for_function(f"label => {LABEL} === label && last === label", arg=at_rest)
     before = page.evaluate("swaps")
     page.wait_for_timeout(800)
     assert page.evaluate("swaps") == before

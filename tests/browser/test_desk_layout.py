@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from tests.browser.conftest import SIZE
-from tests.browser.hands import becomes, caught_up, current, grow
+from tests.browser.hands import becomes, caught_up, current, drawn, grow
 from ui.words.catalogue import words
 
 SIZES = ((1366, 768), (1440, 900), (1600, 1000), (1920, 1080), (2560, 1440), (3840, 2160))
@@ -76,16 +76,16 @@ def test_nothing_is_cut_off_at_any_width__law(sit, language):
         page.evaluate(LONG, [said["remake.unwritten"], True, said["remake.write"]])
         for mode in ("side", "swipe", "blend"):
             page.click(f'[data-mode="{mode}"]')
-            page.wait_for_timeout(80)
+            drawn(page)
             assert page.evaluate(CUT_OFF) == [], (width, mode)
             assert page.locator("#tools").bounding_box()["height"] < 50, (width, mode)
         page.keyboard.press(".")
-        page.wait_for_timeout(80)
+        drawn(page)
         assert page.evaluate(CUT_OFF) == [], (width, "details")
         page.keyboard.press(".")
         for part in ("queue", "block", "compare"):
             grow(page, part)
-            page.wait_for_timeout(80)
+            drawn(page)
             assert page.evaluate(CUT_OFF) == [], (width, part)
             page.keyboard.press("x")
 
@@ -205,6 +205,7 @@ def test_twenty_points_are_judged_and_nothing_is_scrolled__law(sit):
         assert page.locator("#why li").count() > 0
         # An operator who sees what stands beside "sigma" rejects what is far off.
         far = page.evaluate("gruber.parts.point.figures.ratio > 3")
+        caught_up(page)
         page.keyboard.press("n" if far else "y")
         becomes(page, point, "rejected" if far else "accepted")
         page.wait_for_function("n => gruber.parts.status.decided === n", arg=number + 1)

@@ -14,6 +14,7 @@ from sessions.checks import version_on_disk
 from sessions.products import digest_of
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS, VIOLATIONS, RealDesk
+from tests.browser.hands import drawn
 
 Sit = Callable[..., Any]
 WHOLE = "() => gruber.mosaicState().drawn.whole"
@@ -35,7 +36,7 @@ def open_mosaic(page: Any) -> None:
 def show(page: Any, key: str) -> None:
     """Another view by its key, drawn whole."""
     page.keyboard.press(key)
-    page.wait_for_timeout(100)
+    drawn(page)
     page.wait_for_function(WHOLE)
 
 

@@ -427,7 +427,7 @@ def test_kinds_beside_points_have_a_queue_and_say_when_it_is_empty__law(sit):
     empty = words()["queue.empty.fiducial"]
     page.select_option("#sieve-role", "fiducial")
     page.wait_for_selector(f"#queue-empty:has-text('{empty}')")
-    page.wait_for_selector(f"#nothing:visible:has-text('{empty}')", timeout=9000)
+    page.wait_for_selector(f"#nothing:visible:has-text('{empty}')")
     assert not page.is_visible("#hint"), "there is nothing to place"
     page.wait_for_selector("#acts button:not(:disabled)", state="detached")
     page.select_option("#sieve-role", "")

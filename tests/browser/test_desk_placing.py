@@ -31,6 +31,15 @@ CENTROID = """([x, y]) => {
 SCALE = """() => { const s = gruber.compareState(); const [[a, b], [c, d]] = s.point.raw.matrix;
   return s.view.scale / Math.sqrt(Math.abs(a * d - b * c)); }"""
 PLACE = "gruber.compareState().drawn.measured"
+WATCH = f"""() => {{
+  window.seen = [];
+  const look = () => {{
+    seen.push({PLACE});
+    requestAnimationFrame(look);
+  }};
+  look();
+}}"""
+"""Note where the mark is drawn, frame by frame."""
 DRAFTED = "gruber.parts.point.draft"
 MIDDLE = """() => {
   const { point: { raw, marks }, view } = gruber.compareState();
@@ -65,7 +74,7 @@ def test_clicks_on_dots_place_within_a_tenth_of_a_pixel__truth(tmp_path, sit_at,
             page.keyboard.press("+")
         for _ in range(6):
             errors.append(placed_error(page))
-            before = page.get_attribute(".row.current", "data-key")
+            before = current(page)
             accept(page)
             gone_on(page, before)
         settled_count = page.evaluate("gruber.parts.status.decided")
@@ -101,11 +110,12 @@ def test_a_mark_nudged_where_no_draft_comes_of_it_goes_back__law(sit, desk):
         page = sit(url, scene=False)
         page.wait_for_function("gruber.compareState().drawn.whole")
         before = page.evaluate(PLACE)
+        page.evaluate(WATCH)
         with lost(page):
             page.keyboard.press("Shift+ArrowRight")
-            page.wait_for_function(f"before => {PLACE} !== before", arg=before)
+            page.wait_for_function("before => seen.some(place => place !== before)", arg=before)
             page.wait_for_selector(".notice")
-            page.wait_for_function(f"before => {PLACE} === before", arg=before, timeout=9000)
+            page.wait_for_function(f"before => {PLACE} === before", arg=before)
         assert not page.evaluate(DRAFTED)
 
 
@@ -118,7 +128,7 @@ def test_what_is_only_in_use_or_not_is_not_moved__law(sit):
     before = page.evaluate(PLACE)
     # What is told of the point meanwhile is of one that is placed: each look says otherwise.
     page.evaluate("""setInterval(() => { gruber.compareState().point.fixed = true; }, 5)""")
-    page.wait_for_timeout(50)
+    page.wait_for_function("gruber.compareState().point.fixed")
     page.keyboard.press("Shift+ArrowRight")
     page.wait_for_selector(".notice:has-text('Only yes and no')")
     assert page.evaluate(PLACE) == before
@@ -131,21 +141,14 @@ def test_what_is_only_in_use_or_not_is_not_moved__law(sit):
 def test_a_mark_follows_the_hand_and_never_leaps_back__law(sit):
     page = sit(scene=False)
     page.wait_for_function("gruber.compareState().drawn.whole")
-    page.evaluate(f"""() => {{
-      window.seen = [];
-      const look = () => {{
-        seen.push(Number({PLACE}.split(",")[0]));
-        requestAnimationFrame(look);
-      }};
-      look();
-    }}""")
+    page.evaluate(WATCH)
     for pause in (0, 0, 380, 20, 400, 30, 60, 0):
         page.keyboard.press("Shift+ArrowRight")
         page.wait_for_timeout(pause)
     page.wait_for_timeout(500)
     caught_up(page)
     page.wait_for_function("!gruber.parts.status.adjusting")
-    east = np.array(page.evaluate("seen"))
+    east = np.array(page.evaluate("seen.map(place => Number(place.split(',')[0]))"))
     steps = (east - east[0]) / page.evaluate("gruber.parts.point.scan.pixel")
     assert steps[-1] == pytest.approx(8, abs=0.01)
     assert np.diff(steps).min() > -0.01
@@ -162,7 +165,10 @@ def test_a_nudge_stays_in_its_frame_whatever_is_shown_next__law(sit):
     )
     for key in ("Shift+ArrowRight", "r", "Shift+ArrowDown"):
         page.keyboard.press(key)
-    page.wait_for_timeout(600)
+    # Two drafts may come of it, the second with both.
+    page.wait_for_function(
+        f"was => {DRAFTED}?.raw.every((now, axis) => Math.abs(now - was[axis]) > 0.5)", arg=raw
+    )
     caught_up(page)
     # On the way back the photo was flown upside down.
     moved = np.subtract(page.evaluate(f"{DRAFTED}.raw"), raw)

@@ -14,7 +14,7 @@ from core.matching.reference import open_reference
 from core.scans.stage import ScanSet
 from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS
-from tests.browser.hands import caught_up
+from tests.browser.hands import at_once, caught_up
 from tests.ui.desk_block import tiny_block
 
 CELL = """name => gruber.boardState().found.photos.flatMap(row => row.cells.map(cell =>
@@ -44,8 +44,7 @@ def test_marks_are_corrected_by_key_and_by_pointer__truth(real_desk, sit_at):
     page.wait_for_selector(f'#board .mark.drafted[data-mark="{name}"]')
     # Far from where the other marks put it: asked about, and given up.
     page.wait_for_selector("#board-draft.against")
-    page.keyboard.press("y")
-    page.keyboard.press("y")  # before anybody has read what is asked
+    at_once(page, "y", "y")  # the second before anybody has read what is asked
     page.wait_for_selector("#board-draft:has-text('Keep?')")
     caught_up(page)
     assert len(real_desk.session.decisions()) == saved
@@ -166,7 +165,7 @@ def test_an_area_drawn_on_the_map_is_what_the_queue_shows__truth(sit):
     page.wait_for_selector("#sieve-area:not([hidden])")
     # It is part of the filter: kept through a reload, taken away by its chip.
     page.reload()
-    page.wait_for_selector("#sieve-area:not([hidden])")
+    page.wait_for_selector(".row.current")
     page.click("#sieve-area")
     page.wait_for_selector("#sieve-area", state="hidden")
     assert page.evaluate("gruber.areaShown().places.length") == before

@@ -1,11 +1,11 @@
 """Every page by keyboard alone, and by a monkey."""
 
 import re
-import time
 
 import pytest
 
-from tests.browser.conftest import PATIENCE_MS, VIOLATIONS
+from tests.browser.conftest import VIOLATIONS
+from tests.browser.hands import caught_up, until
 from tests.browser.monkey import files_of
 from tests.browser.walk import Ear, Machines, open_rooms, walk_once
 
@@ -250,7 +250,7 @@ def test_tab_reaches_every_control_of_the_desk_and_its_sheets__law(rooms, enter)
     for _ in range(6):
         page.keyboard.press("Enter")
     page.wait_for_selector("#tour", state="hidden")
-    page.wait_for_timeout(500)
+    caught_up(page)
     wrong["late"] = [type(item.decision).__name__ for item in session.decisions()[begun:]]
     assert {sheet: names for sheet, names in wrong.items() if names} == {}
 
@@ -264,8 +264,8 @@ def test_enter_on_a_button_that_decides_decides_that_and_nothing_else__law(rooms
         page.wait_for_selector(f"{button}:not(:disabled)")
         page.focus(button)
         page.keyboard.press("Enter")
-        wait_until(lambda: len(session.decisions()) > after)
-        page.wait_for_timeout(50)
+        until(page, lambda: len(session.decisions()) > after)
+        caught_up(page)
         made = session.decisions()[after:]
         assert [type(item.decision).__name__ for item in made] == [name], button
 
@@ -276,7 +276,7 @@ def test_enter_on_a_button_that_decides_decides_that_and_nothing_else__law(rooms
     begun = len(session.decisions())
     for number, (button, name) in enumerate(ON_BOARD.items()):
         decided(name, f"#board [data-board={button}]", begun + number)
-        page.wait_for_timeout(600)
+        page.wait_for_function("!gruber.isAhead() && !gruber.parts.status.adjusting")
         assert page.evaluate("document.activeElement.dataset.board") == button
     # On the board U takes back what was decided there, on the desk the rest.
     for decisions in (ON_BOARD, DECIDING):
@@ -285,7 +285,7 @@ def test_enter_on_a_button_that_decides_decides_that_and_nothing_else__law(rooms
             # A hand that is ahead of the desk is told to wait, by design.
             page.wait_for_function("!gruber.isAhead() && !gruber.parts.status.adjusting")
             page.keyboard.press("u")
-            wait_until(lambda known=known: len(session.decisions()) > known)
+            until(page, lambda known=known: len(session.decisions()) > known)
         page.keyboard.press("Escape")
     for act in ("redo", "undo"):
         decided("Withdraw", f"[data-act={act}]", len(session.decisions()))
@@ -344,10 +344,3 @@ def test_axe_finds_nothing_on_pages_with_content__oracle(rooms, enter, axe, lang
     page.wait_for_selector("#check")
     look("lessons", page)
     assert {name: lines for name, lines in found.items() if lines} == {}
-
-
-def wait_until(condition) -> None:
-    begun = time.monotonic()
-    while not condition():
-        assert time.monotonic() - begun < PATIENCE_MS / 1000
-        time.sleep(0.02)
