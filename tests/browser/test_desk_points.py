@@ -3,7 +3,7 @@
 import pytest
 
 from app.desk.wiring import open_desk
-from tests.browser.hands import caught_up
+from tests.browser.hands import caught_up, until
 from tests.ui.user_points import measuring_inputs, true_places
 
 DROP = """([name, text]) => {
@@ -54,7 +54,7 @@ def test_a_dropped_list_comes_in_by_its_columns_and_goes_by_one_undo__truth(page
     assert page.locator(".points-dot").count() == 2
     page.click("#points-bring")
     page.wait_for_function("gruber.parts.rows.some(row => row[0] === 'MT1')")
-    assert not page.locator("#points").is_visible()
+    page.wait_for_selector("#points", state="hidden")
     surveyed = inputs.session.replayed(inputs.block).surveyed
     assert {"MT1", "MT2"} <= set(surveyed)
     assert "B1" not in surveyed
@@ -83,7 +83,9 @@ def test_a_list_comes_in_once_however_often_its_button_is_pressed__law(page, inp
     caught_up(page)
     page.evaluate(twice.replace("points-bring", "points-one-bring"))
     page.wait_for_selector("#points", state="hidden")
-    page.wait_for_timeout(1000)
+    # What is brought is recorded by the desk, after the sheet has closed.
+    until(page, lambda: len(inputs.session.decisions()) > 2)
+    page.wait_for_timeout(300)
     said = [one.decision for one in inputs.session.decisions()]
     assert [type(one).__name__ for one in said] == ["BringPoints", "Withdraw", "BringPoints"]
 
@@ -113,4 +115,18 @@ def test_a_typed_point_far_away_is_asked_about__law(page, inputs):
     assert not inputs.session.decisions()
     page.click("#points-one-bring")
     page.wait_for_selector("#points", state="hidden")
-    assert "FAR" in inputs.session.replayed(inputs.block).surveyed
+    until(page, lambda: "FAR" in inputs.session.replayed(inputs.block).surveyed)
+
+
+def test_what_is_typed_before_a_known_point_is_told_stays__law(page):
+    """The answer of a slow desk wrote over it."""
+    held = []
+    page.route("**/points/known*", lambda route: held.append(route))
+    page.click("#points-open")
+    page.fill("#points-one-id", "T1")
+    page.fill("#points-one-X", "17")
+    until(page, lambda: held)
+    held.pop().continue_()
+    page.wait_for_function("document.getElementById('points-one-Y').value")
+    assert page.input_value("#points-one-X") == "17"
+    assert float(page.input_value("#points-one-Y")) == pytest.approx(true_places()["T1"][1], abs=1)

@@ -313,17 +313,21 @@ function typed() {
 const one = (name) => /** @type {HTMLInputElement} */ (
   document.getElementById(`points-one-${name}`));
 
+/** What is known of a point, but for what was typed while the desk was asked. */
 async function fillKnown() {
-  const name = one("id").value.trim();
-  const answer = await fetch(`/points/known?name=${encodeURIComponent(name)}`);
+  const fields = [...TYPED, "role", "description"];
+  const asked = new Map(fields.map((name) => [name, one(name).value]));
+  const name = asked.get("id") ?? "";
+  const answer = await fetch(`/points/known?name=${encodeURIComponent(name.trim())}`);
   const known = answer.ok ? await answer.json() : {};
-  if (!known.position) return;
-  ["X", "Y", "Z"].forEach((axis, n) => { one(axis).value = written(known.position[n]); });
-  ["sigma_xy", "sigma_Z"].forEach((sigma, n) => {
-    one(sigma).value = written(known.sigma[n] ?? "");
-  });
-  one("role").value = known.role;
-  one("description").value = known.description;
+  if (!known.position || one("id")?.value !== name) return;
+  const [X, Y, Z] = known.position.map(written);
+  const [sigma_xy, sigma_Z] = known.sigma.map((/** @type {number | null} */ sigma) =>
+    written(sigma ?? ""));
+  const { role, description } = known;
+  for (const [label, value] of Object.entries({ X, Y, Z, sigma_xy, sigma_Z, role, description })) {
+    if (one(label).value === asked.get(label)) one(label).value = value;
+  }
 }
 
 /** @param {Event} event */
