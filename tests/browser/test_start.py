@@ -7,7 +7,7 @@ import pytest
 
 from app.start import open_start
 from tests.browser.conftest import AT_WORK, PATIENCE_MS, VIOLATIONS
-from tests.browser.hands import caught_up
+from tests.browser.hands import caught_up, drawn, until
 from tests.browser.test_desk_security import asked, entered
 from tests.journeys.copies import copied, reviewing
 
@@ -240,6 +240,31 @@ def test_two_pages_save_what_was_written_in_each__law(chromium, tiny_block, tmp_
     context.close()
 
 
+def test_an_older_look_at_the_folder_is_not_shown_over_a_newer__law(chromium, tiny_block, tmp_path):
+    """A slow answer brought back the settings of before they were saved."""
+    for part in ("scans", "ortho"):
+        shutil.copytree(tiny_block / part, tmp_path / part)
+    context = chromium.new_context(bypass_csp=True)
+    context.set_default_timeout(PATIENCE_MS)
+    distance, held = "#field-camera-film-principal_distance_mm", []
+    with open_start(tmp_path, "127.0.0.1", 0) as opened:
+        page = context.new_page()
+        page.goto(opened.url)
+        page.wait_for_selector(distance)
+        page.route("**/found", lambda route: held.append((route, route.fetch())), times=1)
+        page.evaluate("() => { gruber.load(); }")
+        until(page, lambda: held)
+        page.fill(distance, "152.67")
+        page.click('[data-act="start.save"]')
+        page.wait_for_selector('[data-act="start.discard"]', state="detached")
+        (route, old) = held.pop()
+        with page.expect_response("**/found"):
+            route.fulfill(response=old)
+        drawn(page)
+        assert page.input_value(distance) == "152.67"
+    context.close()
+
+
 def test_each_upload_is_cancelled_at_its_own_line_and_drops_follow_in_turn__law(page):
     """*Cancel* at a file that waited stopped another, and a second drop ran beside the first."""
     held = []
@@ -249,9 +274,10 @@ def test_each_upload_is_cancelled_at_its_own_line_and_drops_follow_in_turn__law(
     page.evaluate(drop, ["d.tif"])
     page.click(".upload:has-text('b.tif') button")
     page.wait_for_selector(".upload:has-text('b.tif') .doubted")
-    page.wait_for_timeout(200)
     sent = []
     for name in ("a.tif", "c.tif", "d.tif"):
+        until(page, lambda: held)
+        page.wait_for_timeout(200)
         assert len(held) == 1, "one at a time"
         sent.append(held[0].request.url.rpartition("/")[2])
         if name == "d.tif":
@@ -260,7 +286,6 @@ def test_each_upload_is_cancelled_at_its_own_line_and_drops_follow_in_turn__law(
         else:
             held.pop().fulfill(status=200, json={})
             page.wait_for_selector(f".upload:has-text('{name}')", state="detached")
-            page.wait_for_timeout(200)
     assert sent == ["a.tif", "c.tif", "d.tif"]
     assert page.locator(".upload .doubted").count() == 2
 
@@ -313,11 +338,18 @@ def test_what_neighbours_share_is_compared_and_leads_to_the_photo__truth(
         context.close()
 
 
+LASTING = """() => {
+  const later = window.setTimeout;
+  window.setTimeout = (act, ms) => (ms < 3000 ? later(act, ms) : 0);
+}"""
+"""Notices stay: what takes one away is not time."""
+
+
 def test_what_holds_a_run_back_is_named_at_the_foot_until_it_is_mended__truth(
     chromium, tiny_block, tmp_path
 ):
     """*Run* was grey without a word, and the refusal stayed beside "Settings saved."."""
-    folder, home = tmp_path / "many" / "one", tmp_path / "many"
+    folder, home, held = tmp_path / "many" / "one", tmp_path / "many", []
     shutil.copytree(tiny_block / "scans", folder / "scans")
     shutil.copytree(tiny_block / "ortho", folder / "ortho")
     context = chromium.new_context(viewport={"width": 1366, "height": 768}, bypass_csp=True)
@@ -336,11 +368,17 @@ def test_what_holds_a_run_back_is_named_at_the_foot_until_it_is_mended__truth(
         page.fill("#field-scans-scan_pixel_um", "abc")
         page.click('[data-act="start.save"]')
         page.wait_for_selector(".notice.grave")
-        # Saved before the page has been told that it is mended.
+        # Saved before the page has been told that it is mended: that leaves the newer notice.
+        page.evaluate(LASTING)
+        page.route("**/form/judge", lambda route: held.append(route))
         page.fill("#field-scans-scan_pixel_um", "180")
+        until(page, lambda: held)
         page.click('[data-act="start.save"]')
         page.wait_for_selector(".notice:has-text('Settings saved')")
-        assert page.locator(".notice").count() == 1
+        with page.expect_response("**/form/judge"):
+            held.pop().continue_()
+        page.wait_for_selector("#go .muted:has-text('Checking')", state="detached")
+        assert page.locator(".notice").all_inner_texts() == ["Settings saved."]
         page.click('[data-act="start.home"]')
         assert opened.wait() == home
     context.close()

@@ -39,9 +39,10 @@ export function tell(said, grave = false, about = "") {
   setTimeout(() => box.remove(), grave ? 30000 : 3500);
 }
 
-/** What was said about it no longer holds. @param {string} about */
-export function settle(about) {
-  for (const box of all(`.notice[data-about="${about}"]`)) box.remove();
+/** What was said about it no longer holds; or only what was refused. @param {string} about */
+export function settle(about, refused = false) {
+  const kind = refused ? ".notice.grave" : ".notice";
+  for (const box of all(`${kind}[data-about="${about}"]`)) box.remove();
 }
 
 export async function beginRun() {

@@ -17,6 +17,9 @@ const BROWSED = "gruber.browsed"; // the folder that was looked into last
 const ASKED = ["distance"]; // what is doubted of these is asked about before a run
 const state = {
   found: /** @type {Found | null} */ (null),
+  /** How often the folder was looked at, and the newest look. */
+  looks: 0,
+  look: Promise.resolve(),
   uploads: /** @type {Upload[]} */ ([]),
   sending: /** @type {Promise<void> | null} */ (null),
   tab: "film",
@@ -30,11 +33,20 @@ const state = {
   judged: /** @type {Judged} */ ({ errors: {}, missing: [], ready: false }),
 };
 
-async function load() {
+/** Looks at the folder; who asked before a newer look waits for that one. */
+function load() {
+  state.looks += 1;
+  state.look = look(state.looks);
+  return state.look;
+}
+
+/** @param {number} turn @returns {Promise<void>} */
+async function look(turn) {
   const answer = await fetch("/found");
   // This one says why; any other comes from a page that is not this one.
   if (!answer.ok && answer.status !== 409) return lookAgain();
   const found = await answer.json();
+  if (turn !== state.looks) return state.look;
   if (found.error) return tell(found.error, true, "/found");
   const touched = recallWritten(found.folder);
   if (touched && !state.found) tell(word("start.recalled"));
@@ -322,7 +334,7 @@ const judgeSoon = afterPause(async () => {
   state.checking = false;
   if (!answer.ok) return tell(answer.error, true, "/form/judge");
   fillFields(answer);
-  if (!Object.keys(answer.errors).length) settle("/form");
+  if (!Object.keys(answer.errors).length) settle("/form", true);
   if (state.found) state.found.ahead = answer.ahead;
   showGo(answer);
   if (state.found) renew(byId("holdings"), ...holdings(state.found));
