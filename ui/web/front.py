@@ -218,7 +218,13 @@ class Front:
         answers.append(cast("Serve", route.handler))
 
         async def answer(request: web.Request) -> web.StreamResponse:
-            return await answers[number](request)
+            try:
+                return await answers[number](request)
+            except ConnectionResetError:
+                if request.transport is not None:
+                    raise
+                # The page went away before all it said had come: nobody waits for an answer.
+                return web.Response()
 
         return web.route(route.method, route.path, answer, **route.kwargs)
 

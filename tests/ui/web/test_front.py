@@ -251,6 +251,30 @@ def test_an_answer_given_up_as_the_front_closes_ends_before_it_does__law(inputs)
     assert ended.is_set()
 
 
+def test_a_page_that_goes_away_while_it_speaks_is_no_error__law(inputs, caplog):
+    """On a slow machine a traceback stood in the terminal."""
+    begun, ended = threading.Event(), threading.Event()
+
+    async def hear(request: web.Request) -> web.StreamResponse:
+        begun.set()
+        try:
+            await request.text()
+        finally:
+            ended.set()
+        return web.Response()
+
+    with Visitor(replace(inputs, routes=(web.post("/told", hear),))) as visitor:
+        page = http.client.HTTPConnection("127.0.0.1", visitor.front.port)
+        page.putrequest("POST", "/told")
+        for name, value in (("Cookie", visitor.cookie), ("Content-Length", "9")):
+            page.putheader(name, value)
+        page.endheaders(b"half")
+        assert begun.wait(timeout=10)
+        page.close()
+        assert ended.wait(timeout=10)
+    assert caplog.text == ""
+
+
 def come(port: int, over: threading.Event, came: list[socket.socket]) -> None:
     """Knock again and again."""
     while not over.is_set():
