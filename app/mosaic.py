@@ -36,6 +36,8 @@ from core.mosaic.seam_fit import SeamFit, fit_seams
 from core.mosaic.seams import Seam, read_edited, read_seams
 from core.orthos.rectification import OrthoProduct
 from core.progress import Progress, Work
+from core.raster.dem import open_dem
+from core.raster.holes import Hole
 from core.raster.ortho import open_ortho
 from core.said import say
 from sessions.atomic_write import whole_file
@@ -116,7 +118,19 @@ def make_mosaic(
             _remember_drawn(session, seams_part)
     products.save_value(SEAMS_DRAWN, inputs, (hand.before, hand.edits))
     notes = (*_far_buildings(project, guides), *product.notes)
-    return _kept(products, inputs, replace(product, path=target, notes=notes))
+    holes = _on_ground(product.holes, project)
+    return _kept(products, inputs, replace(product, path=target, notes=notes, holes=holes))
+
+
+def _on_ground(holes: Sequence[Hole], project: Project) -> tuple[Hole, ...]:
+    """Holes, told apart by whether the DEM has a height where they are."""
+    files = project.reference.dem
+    if not holes or not files:
+        return tuple(holes)
+    places = np.array([(hole.east, hole.north) for hole in holes])
+    heights = open_dem(files, project.block.crs).heights(places)
+    unknown = np.isnan(heights).tolist()
+    return tuple(replace(h, without_height=u) for h, u in zip(holes, unknown, strict=True))
 
 
 def _kept(products: Products, inputs: str, product: MosaicProduct) -> MosaicProduct:
@@ -140,8 +154,22 @@ class ByHand:
         return with_edits(seams, self.edits)
 
 
-def seam_guides(project: Project, bounds: Bounds) -> SeamGuides:
-    """Buildings and roads of a block within bounds.
+def check_guides(project: Project) -> tuple[str, ...]:
+    """What is to be told of the buildings that seams avoid, before anything is computed.
+
+    Raises:
+        ReferenceDataError: As `seam_guides`.
+        CrsError: Coordinates do not fit the CRS a layer names, or none can be found for it.
+    """
+    files, crs = project.reference, project.block.crs
+    if files.buildings is None:
+        return ()
+    bounds = open_ortho(files.ortho, crs).bounds if files.ortho else None
+    return _far_buildings(project, seam_guides(project, bounds))
+
+
+def seam_guides(project: Project, bounds: Bounds | None) -> SeamGuides:
+    """Buildings and roads of a block within bounds, everywhere without any.
 
     Raises:
         ReferenceDataError: A layer cannot be read, or has no polygons where buildings are asked.
@@ -162,7 +190,7 @@ def seam_guides(project: Project, bounds: Bounds) -> SeamGuides:
 
 
 def _shapes(
-    files: Sequence[Path], crs: CRS, bounds: Bounds, dimension: int
+    files: Sequence[Path], crs: CRS, bounds: Bounds | None, dimension: int
 ) -> tuple[tuple[BaseGeometry, ...], int]:
     """Polygons (of dimension 2) or lines (1) of some layers, and the number of other shapes."""
     found, other = list[BaseGeometry](), 0

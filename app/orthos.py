@@ -1,12 +1,19 @@
 """The stage `orthos` of a block on disk: one file for each photo, made where it is not fresh."""
 
+import hashlib
+from pathlib import Path
+
+import numpy as np
+
 from app.project import Project
 from app.surface import chosen_ground, usable_parts
 from core.block import Block, Photo
 from core.errors import ScanError
-from core.orthos.rectification import OrthoProduct, rectify_photo
+from core.orthos.rectification import OrthoProduct, ortho_grid, rectify_photo
+from core.orthos.scan_places import LARGEST_SPACING
 from core.progress import Part, Progress
-from core.raster.dem import Dem
+from core.raster.dem import RIM_PX, Dem
+from core.raster.grid import Grid
 from core.raster.stand_in import NO_PICTURES, is_stand_in
 from sessions.atomic_write import whole_file
 from sessions.checks import keep_version
@@ -49,8 +56,8 @@ def make_orthos(
     for photo in photos:
         camera = block.camera_of(photo.photo_id)
         stage = f"ortho/{photo.photo_id}"
-        ground = project.reference.dem or (dem.mean_height(),)
-        inputs = digest_of(stage, 3, photo, camera, gsd, (*ground, *corrections), photo.scan)
+        ground = ground_under(ortho_grid(photo, camera, heights, gsd), dem, project)
+        inputs = digest_of(stage, 4, photo, camera, gsd, (*ground, *corrections), photo.scan)
         target = session.results / FOLDER / f"{photo.photo_id}.tif"
         # The file itself counts as well: one that was cut, replaced or removed is made again.
         kept = None if anew else session.products.load_value(stage, digest_of(inputs, target))
@@ -76,6 +83,25 @@ def make_orthos(
     if only is None:
         _remove_others(session, {photo.photo_id for photo in photos})
     return orthos
+
+
+def ground_under(grid: Grid, dem: Dem, project: Project) -> tuple[Path | Grid | float | str, ...]:
+    """What names the heights that an ortho stands on: those under it where they are in memory.
+
+    A DEM that was changed elsewhere, or only written again, leaves the ortho as it is. One that is
+    not held counts by its files.
+    """
+    if dem.window is None:
+        return project.reference.dem or (dem.mean_height(),)
+    held = dem.window.grid
+    reach_m = LARGEST_SPACING * grid.ground_sample_distance_m
+    part = held.covering(grid.bounds, RIM_PX + int(np.ceil(reach_m / dem.ground_sample_distance_m)))
+    corner = held.grid_from_object(np.array([[part.west, part.north]]))[0]
+    column, row = np.rint(corner).astype(int).tolist()
+    here = np.s_[row : row + part.rows, column : column + part.columns]
+    total = hashlib.sha256(dem.window.heights[here].tobytes())
+    total.update(dem.window.filled[here].tobytes())
+    return part, total.hexdigest()
 
 
 def pictured(block: Block) -> list[Photo]:

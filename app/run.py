@@ -20,13 +20,12 @@ from app.report.model import ReportContent, written_now
 from app.report.page import write_report
 from app.report.protocol import write_protocol
 from app.report.tables import write_fiducials, write_results, write_table
-from app.report.wording import remarks
 from app.settings import Threads
 from app.sheets import PRODUCT as SHEETS
-from app.sheets import check_sheets, make_sheets, sheets_line
-from app.stage_lines import STAGE_LINES, adjusted_line
+from app.sheets import make_sheets, sheets_line
+from app.stage_lines import STAGE_LINES, adjusted_line, last_lines, lines_at_once, notes_ahead
 from app.stand_ins import has_pictures, write_adjusted
-from app.surface import check_surface, make_block_surface, make_ground, surface_line
+from app.surface import make_block_surface, make_ground, surface_line
 from app.terminal import Interruption, Voice, interruptible
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import influence_of
@@ -41,7 +40,6 @@ from core.mosaic.composition import MosaicProduct
 from core.orthos.rectification import footprint_of
 from core.pipeline import STAGES, Stage, made
 from core.progress import Part, Progress, Work
-from core.quality.rules import human_findings
 from core.raster.dem import Dem
 from core.raster.ortho import open_ortho
 from core.raster.stand_in import NO_PICTURES
@@ -80,8 +78,6 @@ NOTHING_STANDS = (
 """What ends the walk of a block in which nothing but surveyed points can orient a photo."""
 WHEN_ASKED = ("surface", "sheets")
 """Stages that are walked only where block.toml or the operator asks for them."""
-CHECKED = {"surface": check_surface, "sheets": check_sheets}
-"""What finds out before the walk what one of them would stumble over."""
 STAGE_NAMES = (*(stage.name for stage in STAGES), *LAST_STAGES)
 
 
@@ -123,6 +119,8 @@ class Run:
         self.films: Films = {}
         scans = [scan.path.stem for scan in self.given.scans]
         self.earlier = None if options.against is None else read_earlier(options.against, scans)
+        self.told: list[str] = []
+        """What was said before the walk."""
         self.ended_early = ""
         """Why the walk went no further than the adjustment; empty where it did."""
 
@@ -133,8 +131,9 @@ class Run:
 
     def walk(self) -> None:
         """Go through all stages up to the last one wanted."""
-        for name in CHECKED.keys() & {*self.names_ahead}:
-            CHECKED[name](self.project)
+        self.told = notes_ahead(self.names_ahead, self.project)
+        for note in self.told:
+            self.voice.say(note)
         with self.session.running(), interruptible() as self.interruption:
             waits = True
             try:
@@ -155,12 +154,8 @@ class Run:
             finally:
                 self.threads.close(waits)
         page = str(self.session.results / PAGE)
-        for line in remarks(self.results.set_aside, self.doubts, page):
+        for line in last_lines(self.results, self.doubts, self.project.rules, page):
             self.voice.say(line)
-        report = self.results.adjustment
-        for finding in [] if report is None else human_findings(report, self.project.rules):
-            if finding.grave:
-                self.voice.say(finding.sentence)
 
     @property
     def names_ahead(self) -> tuple[str, ...]:
@@ -214,6 +209,8 @@ class Run:
             products.save_value(TIMES, self.digest_of(TIMES), self.times)
         self.seconds[name] = self.seconds.get(name, 0.0) + self.times.get(product, 0.0)
         self.voice.ended(name, title, took, said)
+        for line in lines_at_once(name, self.results):
+            self.voice.say(line)
 
     def anew(self, name: str) -> bool:
         """Whether the operator wants this stage made again whatever is there."""
@@ -342,7 +339,8 @@ class Run:
         change = make_change(self.session, self.project, mosaic, second, anew=anew)
         self.results = replace(self.results, mosaic=mosaic, change=change)
         for note in mosaic.notes:
-            self.voice.say(note)
+            if note not in self.told:
+                self.voice.say(note)
         return str(self.session.results / "mosaic.tif")
 
     def cut(self, progress: Progress) -> str:

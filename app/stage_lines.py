@@ -1,11 +1,23 @@
-"""One line that sums up the result of each stage of a run."""
+"""What a run says: before it begins, one line for each stage, and what ends it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 
+from app.mosaic import check_guides
+from app.project import Project
+from app.report.wording import remarks
+from app.sheets import check_sheets
+from app.surface import check_surface
 from core.adjustment.adjusted import AdjustmentReport
+from core.doubts import Doubt
 from core.pipeline import made
+from core.quality.job_rules import JobRules
+from core.quality.rules import human_findings
 from core.results import StageResults
 from core.said import Said, say
+
+ABOUT_REFERENCE = ("dem-coverage", "dem-holes", "ortho-coverage")
+"""Doubts that are told as soon as they are known: their remedy is another reference, and a run on
+this one takes minutes."""
 
 
 def scans_line(results: StageResults) -> Said:
@@ -69,3 +81,42 @@ STAGE_LINES: Mapping[str, Callable[[StageResults], Said]] = {
     "control": lambda results: adjusted_line(made(results.control).report),
 }
 """One line about what each stage of the engine made."""
+
+
+def notes_ahead(names: Collection[str], project: Project) -> list[str]:
+    """What is to be told before a walk over some stages.
+
+    Raises:
+        PhotogrammetryError: What one of them would stumble over after minutes.
+    """
+    if "surface" in names:
+        check_surface(project)
+    if "sheets" in names:
+        check_sheets(project)
+    return [*check_guides(project)] if "mosaic" in names else []
+
+
+def lines_at_once(name: str, results: StageResults) -> list[str]:
+    """What is to be told as soon as a stage has ended: what the reference lacks."""
+    if name != "georeference":
+        return []
+    doubts = made(results.georeference).doubts
+    return remarks({}, [doubt for doubt in doubts if doubt.kind in ABOUT_REFERENCE], "")
+
+
+def last_lines(
+    results: StageResults, doubts: Sequence[Doubt], rules: JobRules, where: str
+) -> list[str]:
+    """What ends a walk: scans set aside, doubts not told yet, and findings that are grave.
+
+    Args:
+        results: What the stages made.
+        doubts: Gravest first.
+        rules: Limits of the job.
+        where: The file that has all of it, for what there is no room for.
+    """
+    left = [doubt for doubt in doubts if doubt.kind not in ABOUT_REFERENCE]
+    report = results.adjustment
+    grave = [] if report is None else human_findings(report, rules)
+    lines = remarks(results.set_aside, left, where)
+    return [*lines, *(finding.sentence for finding in grave if finding.grave)]

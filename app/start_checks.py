@@ -10,6 +10,7 @@ import shapely
 
 from app.folder_scan import Corners, Findings, FoundRaster
 from app.height_checks import height_doubts
+from app.mosaic import check_guides
 from app.project import Project, described
 from app.run import LAST_STAGES, WHEN_ASKED, adjustment_digest, given_of, product_of
 from core.errors import PhotogrammetryError, ScanError
@@ -109,9 +110,11 @@ def _data(project: Project) -> list[Check]:
         doubts = height_doubts(project, given.surveyed, opened.dem)
         area = opened.ortho.bounds if given.reference.ortho else given.reference.area
         doubts += () if area is None else check_scale(given.crs, area)
+        notes = check_guides(project)
     except PhotogrammetryError as error:
         return [[True, "error", {"text": error.told}]]
-    told: list[Check] = [[False, "doubt", {"text": doubt.message}] for doubt in doubts]
+    lines = [*(doubt.message for doubt in doubts), *notes]
+    told: list[Check] = [[False, "doubt", {"text": line}] for line in lines]
     return [*_sigmas(given.reference, opened), *told]
 
 

@@ -28,6 +28,7 @@ GRAVITY: Mapping[str, float] = {
     "photo-not-tied": 0.6,
     # One look is worth while.
     "dem-coverage": 0.5,
+    "dem-holes": 0.5,
     "few-ties": 0.5,
     "fiducial-left-out": 0.5,
     "georeference-unused": 0.5,

@@ -5,8 +5,10 @@ A reference that covers too little of the block is reported here.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+import shapely
 
 from core.block import Block, Photo, footprint
 from core.doubts import Doubt
@@ -26,9 +28,11 @@ from core.georeference.archive import (
 from core.georeference.principal_distance import by_flying_heights
 from core.matching.reference import Reference, ReferenceFiles, open_reference
 from core.progress import Work
-from core.raster.dem import Dem
+from core.raster.dem import LARGEST_GAP_PX, Dem
 from core.raster.grid import Grid
+from core.raster.holes import find_height_holes
 from core.raster.ortho import LEAST_COVERAGE, Ortho
+from core.raster.sheets import block_outline
 from core.said import say
 from core.scans.interior_orientation import ScanOrientation
 from core.scans.stage import ScanSet
@@ -45,6 +49,9 @@ FULL_SHARE = 0.98
 # design: half a percent across and down, ten times finer than FULL_SHARE asks for.
 SAMPLES = 200
 """The block is looked at in at most this many pixels across and down."""
+# design: more than anybody looks up one by one; areas and places of the largest.
+HOLES_TOLD = 20
+"""So many holes of the DEM are kept with the doubt, the largest first."""
 NO_ORTHO = (
     "The block has no reference ortho: no control is proposed, and nothing is compared with today. "
     "Measure your own surveyed points at the desk; until then the block lies where its exterior "
@@ -129,6 +136,7 @@ def georeference_photos(
     doubts = [*check_scale(files.crs, block.bounds), *archive.doubts, *coverage]
     doubts += [doubt for result in placed.values() for doubt in result.doubts]
     doubts += [Doubt("scan-set-aside", name, why) for name, why in set_aside.items()]
+    doubts += check_dem_holes(reference.dem, block) if files.dem else ()
     doubts += [*reference.ortho.notes, *reference.dem.notes]
     return Georeferenced(block, placed, set_aside, tuple(doubts))
 
@@ -237,6 +245,46 @@ def check_coverage(dem: Dem, ortho: Ortho, bounds: Bounds) -> tuple[Doubt, ...]:
         _judge_share("ortho", first[1], float(picture.mean()), ortho.bounds, bounds),
     )
     return tuple(doubt for doubt in doubts if doubt is not None)
+
+
+def check_dem_holes(dem: Dem, block: Block) -> tuple[Doubt, ...]:
+    """A doubt about ground under the photos of which the DEM has no height.
+
+    Args:
+        dem: Terrain.
+        block: Photos where the archive puts them.
+    """
+    outlines = [footprint(photo, block.camera_of(name)) for name, photo in block.photos.items()]
+    ground = shapely.union_all([outline.buffer(0) for outline in outlines])
+    holes = find_height_holes(dem, ground)
+    if not holes:
+        return ()
+    largest = holes[0]
+    file = _file_at(dem, largest.east, largest.north)
+    message = say(
+        "{name} has no heights in {count:# place|# places} under the photos, {area:,.0f} m² "
+        "together; the largest, {largest:,.0f} m², is about E {east:.0f} N {north:.0f}. Nothing "
+        "is put there: orthos and mosaic stay empty, and no control is taken. Add a DEM that has "
+        "heights there to [reference] dem, a coarser one too: it fills what the finer leaves open. "
+        "Gaps of at most {closed} cells are closed from their rim.",
+        name=Path(file).name,
+        count=len(holes),
+        area=sum(hole.area_m2 for hole in holes),
+        largest=largest.area_m2,
+        east=largest.east,
+        north=largest.north,
+        closed=LARGEST_GAP_PX,
+    )
+    evidence = [(hole.east, hole.north, hole.area_m2) for hole in holes[:HOLES_TOLD]]
+    return (Doubt("dem-holes", file, message, evidence={"holes": evidence}),)
+
+
+def _file_at(dem: Dem, east: float, north: float) -> str:
+    """The finest file whose outline holds a place; the finest of all where none does."""
+    sheets = dem.sheets.sheets
+    place = shapely.Point(east, north)
+    here = (s for s in sheets if shapely.Polygon(block_outline(s)).contains(place))
+    return next(here, sheets[0]).path
 
 
 def _sampling(bounds: Bounds, finest_m: float) -> Grid:

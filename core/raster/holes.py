@@ -1,4 +1,4 @@
-"""Holes: ground inside a raster product that no photo covers."""
+"""Holes: ground inside a raster product that no photo covers, or whose height a DEM lacks."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,8 +8,13 @@ import cv2
 import numpy as np
 import rasterio
 from jaxtyping import Int64
+from shapely.geometry.base import BaseGeometry
 
-from core.raster.grid import sums_over_cells
+from core.arrays import Mask
+from core.frames import HALF_PIXEL
+from core.geometry.crs import shared_bounds
+from core.raster.dem import HELD_PX, LARGEST_GAP_PX, Dem
+from core.raster.grid import Grid, burn, sums_over_cells
 
 # design: some megabytes, and a cell of two metres on a block of ten kilometres.
 LATTICE = 2048
@@ -33,6 +38,8 @@ class Hole:
     """Northing of its middle."""
     masked_in: tuple[str, ...] = ()
     """Photos whose picture reaches over its middle, where it is left out; none reaches if empty."""
+    without_height: bool = False
+    """Whether the DEM has no height at its middle, so that no photo can be laid there."""
 
 
 def find_holes(path: Path) -> tuple[Hole, ...]:
@@ -75,3 +82,46 @@ def _missing(file: Any, side: int) -> Counts:
         shown = sums_over_cells(cells, side)
         found[first : first + len(shown)] = side * side - shown
     return found
+
+
+def find_height_holes(dem: Dem, area: BaseGeometry) -> tuple[Hole, ...]:
+    """Ground in an area within the DEM whose height is not known, largest first.
+
+    Small gaps, which the DEM closes, are none. A DEM too large to be held is looked at in coarser
+    cells, each of them known where most of it is.
+
+    Args:
+        dem: Terrain.
+        area: Ground that heights are needed for, in the block's CRS.
+    """
+    west, south, east, north = shared_bounds(dem.bounds, area.bounds)
+    if area.is_empty or east <= west or north <= south:
+        return ()
+    part = dem.cropped((west, south, east, north))
+    if part.window is not None:
+        grid, heights, closed = part.window.grid, part.window.heights, 0
+    else:
+        # Up to twice the pixel size heights are interpolated from pixels that are all held.
+        side = max(3, int(np.ceil(np.sqrt(part.grid.columns * part.grid.rows / HELD_PX))))
+        cell_m = side * dem.ground_sample_distance_m
+        grid = Grid(west, north, cell_m, int((east - west) / cell_m), int((north - south) / cell_m))
+        heights, closed = dem.on(grid), -(-LARGEST_GAP_PX // side)
+    unknown = np.isnan(heights)
+    if not unknown.any():
+        return ()
+    return _parts_of(unknown & (burn([(area, 1)], grid, empty=0) == 1), grid, closed)
+
+
+def _parts_of(missing: Mask, grid: Grid, closed: int) -> tuple[Hole, ...]:
+    """Connected parts of more than `closed` cells across or down, largest first."""
+    _, _, figures, middles = cv2.connectedComponentsWithStats(
+        missing.astype(np.uint8), connectivity=4
+    )
+    sides = figures[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1)
+    kept = np.flatnonzero(sides > closed)
+    # The first is what is not missing.
+    kept = kept[kept > 0]
+    east, north = grid.object_from_grid(middles[kept] + HALF_PIXEL).T.tolist()
+    areas = figures[kept, cv2.CC_STAT_AREA] * grid.ground_sample_distance_m**2
+    found = [Hole(*figures) for figures in zip(areas.tolist(), east, north, strict=True)]
+    return tuple(sorted(found, key=lambda hole: (-hole.area_m2, hole.east, hole.north)))

@@ -8,10 +8,12 @@ import pyogrio.raw
 import pytest
 import rasterio
 import shapely
+from affine import Affine
 
 from app.block_sections import BlockSection
 from app.mosaic import make_mosaic, seam_guides
 from app.project import ListedScan, Project, ReferenceSection, ScansSection
+from app.stage_lines import notes_ahead
 from core.errors import ReferenceDataError
 from core.formats.vectors import write_polygons
 from core.mosaic.seams import read_seams, write_seams
@@ -20,6 +22,7 @@ from core.raster.grid import Grid
 from sessions.checks import version_on_disk
 from sessions.session import Session
 from tests.core.mosaic.conftest import CRS, write_ortho
+from tests.core.raster_files import write_raster
 
 WEST, NORTH, SIDE = 500_000.0, 4_101_000.0, 400
 
@@ -185,6 +188,10 @@ def test_buildings_that_are_lines_are_refused_and_nothing_is_written__truth(bloc
         driver="GPKG",
     )
     given = replace(project, reference=ReferenceSection(buildings=path))
+    # A run tells it before its stages take minutes.
+    with pytest.raises(ReferenceDataError, match="has no polygons in the block"):
+        notes_ahead(["orthos", "mosaic"], given)
+    assert notes_ahead(["orthos"], given) == []
     with pytest.raises(ReferenceDataError, match="has no polygons in the block") as refused:
         make_mosaic(session, given, orthos, SILENT)
     assert str(path) in str(refused.value)
@@ -198,6 +205,11 @@ def test_buildings_of_another_place_are_told__truth(block):
     write_polygons(path, "houses", [far], {}, crs=CRS)
     given = replace(project, reference=ReferenceSection(buildings=path))
     said = ("houses.gpkg has no building in the block, so seams avoid none.",)
+    ground = write_raster(
+        project.folder / "o.tif", np.full((1, 400, 600), 90, np.uint8), at(1.0), crs=CRS
+    )
+    on_ortho = replace(given, reference=replace(given.reference, ortho=(ground,)))
+    assert notes_ahead(["mosaic"], on_ortho) == [*said]
     assert make_mosaic(session, given, orthos, SILENT).notes == said
     # It stands for as long as the mosaic does.
     assert make_mosaic(session, given, orthos, SILENT).notes == said
@@ -205,6 +217,27 @@ def test_buildings_of_another_place_are_told__truth(block):
     path.unlink()
     write_polygons(path, "houses", [near], {}, crs=CRS)
     assert make_mosaic(session, given, orthos, SILENT).notes == ()
+
+
+def at(pixel_m):
+    """A raster's place, from the corner of the block."""
+    return Affine(pixel_m, 0, WEST, 0, -pixel_m, NORTH)
+
+
+def test_a_hole_of_the_mosaic_where_the_dem_has_no_height_says_so__truth(block):
+    project, session, orthos = block
+    for number, ortho in enumerate(orthos):
+        with rasterio.open(ortho.path, "r+") as file:
+            values = file.read(1)
+            for column in (250, 350):
+                values[100:120, column - 200 * number :][:, :20] = 0
+            file.write(values, 1)
+    heights = np.full((200, 300), 250, dtype=np.float32)
+    heights[48:62, 123:137] = -9999
+    dem = write_raster(project.folder / "d.tif", heights, at(2.0), crs=CRS, nodata=-9999)
+    given = replace(project, reference=ReferenceSection(dem=(dem,)))
+    holes = make_mosaic(session, given, orthos, SILENT).holes
+    assert {hole.east - WEST: hole.without_height for hole in holes} == {260: True, 360: False}
 
 
 def test_a_mosaic_that_is_gone_or_another_has_no_version__law(block):

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
+from affine import Affine
 from shapely.geometry import box
 
 import app.orthos
@@ -13,12 +15,13 @@ from app.orthos import default_gsd_m, make_orthos
 from core.errors import Cancelled
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.seams import Seam
-from core.orthos.rectification import OrthoProduct
+from core.orthos.rectification import OrthoProduct, ortho_grid
 from core.progress import SILENT
-from core.raster.dem import level_ground
+from core.raster.dem import level_ground, open_dem
 from core.raster.grid import Grid
 from sessions.checks import version_on_disk
 from sessions.session import Session
+from tests.core.raster_files import write_raster
 from tests.flights import FlightPlan, fly
 
 
@@ -98,3 +101,38 @@ def test_a_mosaic_keeps_its_version_while_its_orthos_are_made_again__law(tmp_pat
         make_orthos(session, PROJECT, BLOCK.with_photos(aside), GROUND, SILENT)
         products.save_value("mosaic", products.digest_of("later"), mosaic)
         assert version_on_disk(products) != before
+
+
+def test_an_ortho_is_made_again_for_heights_under_it_and_for_no_others__law(
+    tmp_path, made, monkeypatch
+):
+    """A DEM that was changed anywhere, or only copied, had every ortho cut again."""
+    grids = [ortho_grid(p, BLOCK.camera_of(n), GROUND, 1.0) for n, p in BLOCK.photos.items()]
+    west, south, east, north = shapely.total_bounds([box(*grid.bounds) for grid in grids])
+    # Fifteen cells inside the first, so that what heights are read with reaches no other's edge.
+    under = shapely.Point(grids[0].west + 150, grids[0].north - 150)
+    beside = (east + 150, south - 150)
+    heights = np.zeros((int(north - south) // 10 + 60, int(east - west) // 10 + 60), np.float32)
+    transform = Affine(10, 0, west - 300, 0, -10, north + 300)
+    path = tmp_path / "dem.tif"
+
+    def orthos(easting: float, northing: float) -> list[str]:
+        column, row = map(int, ~transform @ (easting, northing))
+        heights[row, column] += 1e-3
+        write_raster(path, heights, transform, crs=BLOCK.crs)
+        dem = open_dem(path, BLOCK.crs).cropped((west - 300, south - 300, east + 300, north + 300))
+        made.clear()
+        make_orthos(session, project, BLOCK, dem, SILENT)
+        return made
+
+    project: Any = SimpleNamespace(
+        ortho=SimpleNamespace(gsd_m=1.0), reference=SimpleNamespace(dem=(path,))
+    )
+    monkeypatch.setattr(app.orthos, "chosen_ground", lambda *given: (given[2], ()))
+    with Session.open(tmp_path, "ada") as session:
+        assert set(orthos(*beside)) == set(BLOCK.photos)
+        assert orthos(*beside) == []
+        areas = {name: box(*grid.bounds) for name, grid in zip(BLOCK.photos, grids, strict=True)}
+        there = {name for name, area in areas.items() if area.covers(under)}
+        assert set(orthos(under.x, under.y)) == there
+        assert 0 < len(there) < len(BLOCK.photos)

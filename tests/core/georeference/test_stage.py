@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rasterio
 
 from core.errors import CrsError, OrientationError, ReferenceDataError
 from core.formats.world_file import read_world_file, write_world_file
@@ -110,3 +111,29 @@ def test_a_dem_with_nodata_under_the_block_is_told__truth(tmp_path, reference):
     dem = open_dem(write_raster(tmp_path / "e.tif", heights, place(4.0), nodata=-9999), CRS)
     with pytest.raises(ReferenceDataError, match=r"nodata over 9[56] % of the block"):
         check_coverage(dem, reference[1], (WEST, NORTH - 400, WEST + 400, NORTH))
+
+
+def test_holes_of_the_dem_under_the_photos_are_told_with_size_and_place__truth(
+    given, scan_set, placed, tmp_path
+):
+    with rasterio.open(given.reference.dem[0]) as file:
+        heights, profile = file.read(1), file.profile
+    assert "dem-holes" not in [doubt.kind for doubt in placed.doubts]
+    west, south, east, north = placed.block.bounds
+    column, row = map(int, ~profile["transform"] @ ((west + east) / 2, (south + north) / 2))
+    heights[row : row + 20, column : column + 30] = -9999
+    holed = tmp_path / "holed.tif"
+    with rasterio.open(holed, "w", **(profile | {"nodata": -9999})) as file:
+        file.write(heights, 1)
+    files = replace(given.reference, dem=(holed,))
+    found = georeference(replace(given, reference=files), scan_set)
+    (doubt,) = (doubt for doubt in found.doubts if doubt.kind == "dem-holes")
+    assert doubt.subject == str(holed)
+    ((at_east, at_north, area),) = doubt.evidence["holes"]
+    assert area == 20 * 30 * profile["transform"].a ** 2
+    middle = profile["transform"] @ (column + 15, row + 10)
+    assert (at_east, at_north) == pytest.approx(middle)
+    told = "holed.tif has no heights in 1 place under the photos, 15\u202f000 m² together"
+    assert told in str(doubt.message)
+    there = f"about E {at_east:.0f} N {at_north:.0f}".replace("-", "\N{MINUS SIGN}")
+    assert there in str(doubt.message)

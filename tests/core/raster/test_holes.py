@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 import rasterio
 from affine import Affine
+from shapely.geometry import box
 
-from core.raster.holes import LATTICE, find_holes
+from core.raster import dem as dem_module
+from core.raster import holes as holes_module
+from core.raster.dem import open_dem
+from core.raster.holes import LATTICE, find_height_holes, find_holes
+from tests.core.raster_files import CRS, place, write_raster
+from tests.core.raster_files import NORTH as TOP
+from tests.core.raster_files import WEST as LEFT
 
 GSD = 0.5
 WEST, NORTH = -578_000.0, -1_190_000.0
@@ -53,3 +60,41 @@ def test_a_large_raster_is_told_on_a_lattice_with_the_same_areas__truth(tmp_path
     found = find_holes(written(tmp_path / "wide.tif", values))
     assert [hole.area_m2 for hole in found] == [33 * 47 * GSD**2, 20 * 11 * GSD**2]
     assert found[0].east == pytest.approx(WEST + GSD * 524.5, abs=2 * GSD)
+
+
+@pytest.fixture
+def holed(tmp_path):
+    """A DEM of 2 m with a hole of 80 by 60 m, a gap of 10 cells, and a hole beside the photos."""
+    heights = np.full((300, 400), 250, dtype=np.float32)
+    heights[100:130, 200:240] = heights[50:60, 50:60] = heights[200:240, 350:390] = -9999
+    return write_raster(tmp_path / "dem.tif", heights, place(2.0), nodata=-9999)
+
+
+GROUND = box(LEFT + 20, TOP - 580, LEFT + 680, TOP - 20)
+
+
+def test_ground_without_height_is_found_with_size_and_place__truth(holed):
+    (hole,) = find_height_holes(open_dem(holed, CRS), GROUND)
+    assert hole.area_m2 == 30 * 40 * 4
+    assert (hole.east, hole.north) == pytest.approx((LEFT + 440, TOP - 230))
+
+
+def test_a_dem_too_large_to_be_held_shows_the_same_hole__truth(holed, monkeypatch):
+    for module in (dem_module, holes_module):
+        monkeypatch.setattr(module, "HELD_PX", 15_000)
+    (hole,) = find_height_holes(open_dem(holed, CRS), GROUND)
+    # A cell of three pixels is known or not.
+    assert hole.area_m2 == pytest.approx(30 * 40 * 4, rel=0.2)
+    assert (hole.east, hole.north) == pytest.approx((LEFT + 440, TOP - 230), abs=6)
+
+
+def test_a_coarser_dem_fills_what_the_finer_leaves_open__truth(holed, tmp_path):
+    coarse = np.full((30, 40), 249, dtype=np.float32)
+    both = [holed, write_raster(tmp_path / "coarse.tif", coarse, place(20.0))]
+    dem = open_dem(both, CRS)
+    assert find_height_holes(dem, GROUND) == ()
+    assert dem.heights(np.array([[LEFT + 440.0, TOP - 230.0]])) == pytest.approx(249)
+
+
+def test_photos_beside_a_dem_leave_no_hole_in_it__truth(holed):
+    assert find_height_holes(open_dem(holed, CRS), box(LEFT - 900, TOP, LEFT - 10, TOP + 9)) == ()
