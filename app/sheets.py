@@ -1,6 +1,6 @@
 """Map sheets of a block: read, cut where their pixels have changed, kept in `results/sheets`."""
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +15,7 @@ from core.formats.vectors import read_mask_polygons
 from core.geometry.crs import parse_crs
 from core.mosaic.composition import MosaicProduct
 from core.progress import Progress
+from core.raster.ortho import open_ortho
 from core.said import Said, say
 from core.sheets.delivery import CHECK_SUMS, INDEX, Delivery, SheetFile
 from core.sheets.map_sheets import MapSheet, only_areas, read_sheet_index, state_map_sheets
@@ -60,6 +61,25 @@ def check_sheets(project: Project) -> tuple[MapSheet, ...]:
         )
     read_border(project)
     return () if section.index is None else read_sheet_index(section.index, crs)
+
+
+def far_sheets(project: Project, sheets: Sequence[MapSheet]) -> tuple[str, ...]:
+    """A note where no sheet of the index lies where the reference does; its place is told early."""
+    index, files = project.sheets.index, project.reference.ortho
+    if index is None or not files:
+        return ()
+    ground = shapely.box(*open_ortho(files, project.block.crs).bounds)
+    if any(sheet.area.intersects(ground) for sheet in sheets):
+        return ()
+    return (
+        say(
+            "{name}: none of its {count:# sheet|# sheets} lies where the reference ortho does, so "
+            "there will be nothing to cut. Give the index of the country the block lies in, and "
+            "check its CRS.",
+            name=index.name,
+            count=len(sheets),
+        ),
+    )
 
 
 def read_border(project: Project) -> Polygon | MultiPolygon | None:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from app.mosaic import check_guides
 from app.project import Project
 from app.report.wording import remarks
-from app.sheets import check_sheets
+from app.sheets import check_sheets, far_sheets
 from app.surface import check_surface
 from core.adjustment.adjusted import AdjustmentReport
 from core.doubts import Doubt
@@ -91,9 +91,10 @@ def notes_ahead(names: Collection[str], project: Project) -> list[str]:
     """
     if "surface" in names:
         check_surface(project)
+    notes = [*check_guides(project)] if "mosaic" in names else []
     if "sheets" in names:
-        check_sheets(project)
-    return [*check_guides(project)] if "mosaic" in names else []
+        notes += far_sheets(project, check_sheets(project))
+    return notes
 
 
 def lines_at_once(name: str, results: StageResults) -> list[str]:

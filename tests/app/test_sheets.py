@@ -11,11 +11,12 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 import rasterio
+from shapely.affinity import translate
 from shapely.geometry import box
 
 from app.block_toml import FieldError
 from app.project import Project, read_project
-from app.sheets import check_sheets, make_sheets, sheets_line
+from app.sheets import check_sheets, far_sheets, make_sheets, sheets_line
 from core.errors import ProjectError, ReferenceDataError
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.seams import Seam
@@ -204,6 +205,17 @@ def test_an_index_is_judged_before_anything_is_computed__truth(folder: Path) -> 
     write(folder / "klad.gpkg", list(AROUND_A_CORNER.values()), name=["a", "b", "b", "c"])
     with pytest.raises(ReferenceDataError, match="stands for more than one sheet: b"):
         check_sheets(project_in(folder))
+
+
+def test_an_index_of_another_place_is_told_before_anything_is_computed__truth(folder: Path) -> None:
+    project = project_in(folder)
+    ground = folder / "results/mosaic.tif"
+    placed = replace(project, reference=replace(project.reference, ortho=(ground,)))
+    sheets = check_sheets(placed)
+    assert far_sheets(placed, sheets) == ()
+    moved = [replace(sheet, area=translate(sheet.area, 9e4)) for sheet in sheets]
+    (told,) = far_sheets(placed, moved)
+    assert told.startswith("klad.gpkg: none of its 4 sheets lies where the reference ortho does")
 
 
 def test_a_year_is_asked_for_before_anything_is_computed__truth(folder: Path) -> None:
