@@ -370,10 +370,13 @@ def test_long_work_is_seen_and_cancelled_whoever_opens_the_results__law(
 
 
 def test_an_export_is_taken_from_the_results__truth(sit_at: Sit, real_desk: RealDesk) -> None:
-    page = sit_at(real_desk.desk.url, scene=False)
+    page = sit_at(real_desk.desk.url, scene=False, size={"width": 1366, "height": 768})
     page.click("#results-open")
     page.click("#export-begin")
     page.wait_for_selector("#export-said a[href^='/results/export/']")
+    # What came of it lay below the edge of the sheet.
+    said, sheet = (page.locator(name).bounding_box() for name in ("#export-said", "#results"))
+    assert said["y"] + said["height"] <= sheet["y"] + sheet["height"]
     assert page.is_hidden("#export-cancel")
     page.route("**/export/*", lambda route: route.fulfill(json={}))
     page.click("#export-begin")

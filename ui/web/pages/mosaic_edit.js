@@ -1,6 +1,6 @@
 // Seams drawn by hand: a line that a seam follows, or the outline of what one photo shows.
 import { halo } from "./overlay.js";
-import { element, shortName, start, word } from "./words.js";
+import { element, shortName, start, undivided, word } from "./words.js";
 import { send } from "./wire.js";
 
 /** @typedef {"" | "line" | "area"} Tool */
@@ -64,7 +64,7 @@ export function editSide({ edition, edits = [] }) {
 /** @param {SeamEdited} edit */
 const line = ({ id, who, when, area, what }) => element("p", { class: "decided" },
   word(`mosaic.edit.did.${area ? "area" : "line"}`, {
-    what: what.split(" | ").map(shortName).join(" | "), who, when,
+    what: what.split(" | ").map(shortName).join(" | "), who, when: undivided(when),
   }),
   element("button", { class: "small", disabled: start.guest, title: word("history.back.tip"),
     onclick: () => send({ kind: "back", decision: id }) }, word("history.back")));

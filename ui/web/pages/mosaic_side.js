@@ -3,7 +3,9 @@ import { faultList, markFault } from "./faults.js";
 import { editSide, editTools } from "./mosaic_edit.js";
 import { isAt } from "./mosaic_marks.js";
 import { sheetSide } from "./mosaic_sheets.js";
-import { element, number, shortName, shortPoint, squareMetres, start, word } from "./words.js";
+import {
+  element, number, shortName, shortPoint, squareMetres, start, undivided, word,
+} from "./words.js";
 import { send } from "./wire.js";
 
 const HIGH_PX = 900; // design: below, what is wrong here would be pushed out of sight
@@ -31,7 +33,7 @@ export function mosaicSide(found, picked, status, acts) {
     editTools(found, picked),
     element("p", { id: "mosaic-said" }, word("mosaic.said", {
       pixel: number(found.pixel, 2, "m"), area: number((found.area ?? 0) / 1e6, 2),
-      count: found.seams?.length ?? 0, when: found.written ?? "",
+      count: found.seams?.length ?? 0, when: undivided(found.written ?? ""),
     })),
     ...stale(found, status, acts), ...sheetSide(found, acts), ...misfits(found, picked, acts),
     ...place(found, picked, acts),

@@ -131,6 +131,8 @@ function working(name, ask, told) {
     const goOn = held(/** @type {HTMLButtonElement} */ (begin));
     stop.hidden = false;
     said.replaceChildren(word(WORKS[name].making, { share: 0, what: "" }));
+    // On a small screen it lies below the edge of the sheet.
+    said.scrollIntoView({ block: "nearest" });
     state.timers[name] = setTimeout(() => watch(name), ASKED_MS);
     const answer = await ask();
     goOn();
@@ -138,8 +140,9 @@ function working(name, ask, told) {
     const lines = answer.error ? [[again(answer.error)]]
       : answer.file ? told(answer) : [[word(WORKS[name].cancelled)]];
     // The sheet may have been closed and opened again meanwhile.
-    document.getElementById(`${name}-said`)
-      ?.replaceChildren(...lines.map((one) => element("p", {}, ...one)));
+    const place = document.getElementById(`${name}-said`);
+    place?.replaceChildren(...lines.map((one) => element("p", {}, ...one)));
+    place?.scrollIntoView({ block: "nearest" });
   }
 }
 
@@ -165,7 +168,7 @@ async function watch(name) {
 function sheets() {
   if (start.guest) return [];
   const { begin, stop, said } = working("sheets", () => post("/sheets"),
-    (answer) => [[again(answer.said), " ", link(answer.file)]]);
+    (answer) => [[again(answer.said), " \u00b7 ", link(answer.file)]]);
   return [element("h3", {}, word("sheets")), element("p", {}, word("sheets.long")),
     element("p", {}, begin, " ", stop), said];
 }

@@ -27,6 +27,9 @@ export const word = (key, values = {}) => filled(start.words[key] ?? key, values
 export const again = (told) => (typeof told === "string" ? filled(start.messages[told] ?? told, {})
   : filled(start.messages[told.said] ?? told.said, told.values));
 
+/** A day and time that no line breaks at a hyphen of. @param {string} when */
+export const undivided = (when) => when.replaceAll("-", "-\u2060");
+
 /** A key as the language calls it. @param {string} key */
 export const keyName = (key) => start.words[`key.${key}`] ?? key;
 
