@@ -4,13 +4,15 @@ Seams are a partition: no two overlap, and nothing that a photo shows is left ou
 ground from one part to another, so a partition stays one and covers what it covered.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 import shapely
 from shapely.geometry import LineString, MultiPolygon, Point, Polygon
 from shapely.geometry.base import BaseGeometry
+from shapely.ops import substring
 
 from core.doubts import Failure
 from core.mosaic.seams import Area, Seam
@@ -109,8 +111,9 @@ def follow_line(
     """Lay the seam between two photos along a line.
 
     The line parts what both show; an end inside of it is led to the seam on the shortest way.
-    Ground changes hands only between line and seam: of the two ways to lay the photos on its sides,
-    that which moves less.
+    Of the two ways to lay the photos on its sides, that which moves less ground beside what line
+    and seam enclose. An end that runs over the seam and would turn that inside out is cut where
+    it does.
 
     Args:
         seams: A partition.
@@ -125,21 +128,15 @@ def follow_line(
     seam = _shared(one, other)
     if seam.length <= LEAST_BORDER_M:
         return Failure("The photos have no seam in common.")
-    drawn = _reaching(LineString(line), one.union(other), seam)
-    # Ground changes hands only between line and seam, so it borders who gets it.
-    faces = [
-        [(face, _side(face, drawn)) for face in _faces(area, drawn) if _border(face, goal)]
-        for area, goal in ((one, other), (other, one))
-    ]
-    ways: list[tuple[float, Area, Area]] = []
-    for left in (1, -1):
-        lost, won = (
-            _polygons(shapely.union_all([face for face, side in own if side == turn * left]))
-            for own, turn in zip(faces, (1, -1), strict=True)
-        )
-        ways.append((float(lost.area + won.area), lost, won))
-    moved, lost, won = min(ways, key=lambda way: way[0] if way[0] > LEAST_M2 else np.inf)
-    if moved <= LEAST_M2:
+    both = one.union(other)
+    cost, lost, won = np.inf, Polygon(), Polygon()
+    for left_out, kept in _with_ends_cut(LineString(line), both, seam):
+        if left_out >= cost:
+            break
+        found = _moved(one, other, seam, _reaching(kept, both, seam))
+        if found is not None and left_out + found[0] < cost:
+            cost, lost, won = left_out + found[0], *found[1:]
+    if not np.isfinite(cost):
         return Failure("The line does not part the two photos.")
     areas = {
         first: _exchanged(one, lost, won),
@@ -190,6 +187,70 @@ def photos_along(seams: Sequence[Seam], line: Places) -> tuple[str, str] | None:
     return None if best is None else best[2]
 
 
+def _with_ends_cut(
+    line: LineString, both: BaseGeometry, seam: BaseGeometry
+) -> Iterator[tuple[float, LineString]]:
+    """The line, whole and cut where it crosses the seam or enters both, with what is left out, m2.
+
+    An end left out counts as its square: no end encloses more with a straight seam.
+    """
+    crossed = line.intersection(seam.union(both.boundary))
+    crossings = shapely.points(shapely.get_coordinates(crossed))
+    marks = np.unique(shapely.line_locate_point(line, crossings))
+    begins, ends = (
+        [
+            float(mark)
+            for mark, place in zip(over, shapely.line_interpolate_point(line, over), strict=True)
+            if place.distance(seam) <= 2 * SAME_PLACE_M or not both.contains(place)
+        ]
+        for over in (
+            np.maximum(marks - SAME_PLACE_M, 0.0),
+            np.minimum(marks + SAME_PLACE_M, line.length),
+        )
+    )
+    cuts = sorted(
+        (begin**2 + (line.length - end) ** 2, begin, end)
+        for begin in (0.0, *begins)
+        for end in (*ends, line.length)
+        if end - begin > 3 * SAME_PLACE_M
+    )
+    for left_out, begin, end in cuts:
+        yield left_out, LineString(substring(line, begin, end).coords)
+
+
+def _moved(
+    one: Area, other: Area, seam: BaseGeometry, drawn: LineString
+) -> tuple[float, Area, Area] | None:
+    """What each of two photos loses to the other along a line, and how much is not enclosed, m2."""
+    enclosed = shapely.union_all(
+        shapely.get_parts(shapely.polygonize(shapely.get_parts(seam.union(drawn))))
+    )
+    # Ground changes hands only between line and seam, so it borders who gets it.
+    faces = [
+        [(face, _side(face, drawn)) for face in _faces(area, drawn) if _border(face, goal)]
+        for area, goal in ((one, other), (other, one))
+    ]
+    ways: list[tuple[float, float, Area, Area]] = []
+    for left in (1, -1):
+        given = [
+            [face for face, side in own if side == turn * left]
+            for own, turn in zip(faces, (1, -1), strict=True)
+        ]
+        beside = sum(
+            face.area
+            for face in chain(*given)
+            if not enclosed.contains(face.representative_point())
+        )
+        lost, won = (_polygons(shapely.union_all(own)) for own in given)
+        moved = float(lost.area + won.area)
+        if moved > LEAST_M2:
+            ways.append((beside, moved, lost, won))
+    if not ways:
+        return None
+    beside, _, lost, won = min(ways, key=lambda way: way[:2])
+    return beside, lost, won
+
+
 def _exchanged(area: Area, lost: Area, won: Area) -> BaseGeometry:
     """An area less one part, with another: ends on its slanted border become corners of it."""
     cornered = shapely.snap(shapely.snap(area, lost, ROUNDING_M), won, ROUNDING_M)
@@ -233,7 +294,7 @@ def _border(face: Polygon, goal: Area) -> bool:
 
 
 def _side(face: Polygon, line: LineString) -> int:
-    """On which side of a line a face borders it: 1 left, -1 right, 0 where it does not.
+    """On which side of a line a face borders it: 1 left, -1 right, 0 for none but a corner.
 
     A face that borders it on both sides, because the line ends in it, counts by the longer one.
     """
@@ -244,7 +305,8 @@ def _side(face: Polygon, line: LineString) -> int:
     on_line = np.all([shapely.distance(p, line) < SAME_PLACE_M for p in (begin, middle, end)], 0)
     along = shapely.line_locate_point(line, end) - shapely.line_locate_point(line, begin)
     # A ring counterclockwise has its face on the left.
-    return int(np.sign(np.where(on_line, along, 0.0).sum()))
+    border = float(np.where(on_line, along, 0.0).sum())
+    return 0 if abs(border) <= LEAST_BORDER_M else int(np.sign(border))
 
 
 def _polygons(geometry: BaseGeometry) -> Area:

@@ -211,3 +211,77 @@ def test_a_multipolygon_is_cut_as_well__law() -> None:
         line = [tuple(place) for place in rng.uniform(0, 200, (5, 2)).tolist()]
         after = follow_line(parts, "a", "b", at(*line))
         assert isinstance(after, Failure) or is_partition(parts, after)
+
+
+SHORT = st.tuples(st.floats(0, 3), st.floats(0, 2 * np.pi))
+TURN = 17.0
+STRAIGHT, SLANTED, RAGGED = "straight", "slanted", "ragged"
+
+
+def side_by_side(kind: str) -> tuple[Seam, ...]:
+    """a | b, 600 m a side: the seam straight, slanted, or in steps of a metre or two."""
+    along = np.arange(-300.0, 301.0, 2.0)
+    steps = np.repeat(np.arange(along.size - 1) * 7 % 3 - 1.0, 2)
+    ragged = np.column_stack([steps, np.repeat(along, 2)[1:-1]])
+    seam_line = ragged if kind == RAGGED else np.array([(0.0, -300.0), (0.0, 300.0)])
+    west, east = [(-300.0, 300.0), (-300.0, -300.0)], [(300.0, 300.0), (300.0, -300.0)]
+    pair = [shapely.Polygon([*seam_line.tolist(), *side]) for side in (west, east)]
+    turned = [shapely.affinity.rotate(one, TURN if kind == SLANTED else 0, (0, 0)) for one in pair]
+    placed = [shapely.affinity.translate(one, EAST, NORTH) for one in turned]
+    return tuple(Seam(name, "", one) for name, one in zip("ab", placed, strict=True))
+
+
+def turned_at(kind: str, *places: tuple[float, float]) -> tuple[tuple[float, float], ...]:
+    drawn = LineString(places)
+    turned = shapely.affinity.rotate(drawn, TURN, (0, 0)) if kind == SLANTED else drawn
+    return at(*((x, y) for x, y in turned.coords))
+
+
+@given(st.sampled_from([STRAIGHT, SLANTED, RAGGED]), SHORT, SHORT, st.booleans(), st.booleans())
+@settings(max_examples=120, deadline=None)
+def test_a_line_round_a_house_moves_what_it_holds_wherever_its_ends_lie__law(
+    kind: str, first: tuple[float, float], last: tuple[float, float], west: bool, back: bool
+) -> None:
+    """An end over the seam, led back into the loop, once gave the rest of a photo away."""
+    turn = -1 if west else 1
+    ends = [
+        (far * np.cos(way), y + far * np.sin(way)) for y, (far, way) in ((-15, first), (15, last))
+    ]
+    places = [ends[0], (turn * 30.0, -15.0), (turn * 30.0, 15.0), ends[1]]
+    before = side_by_side(kind)
+    after = follow_line(before, "a", "b", turned_at(kind, *(places[::-1] if back else places)))
+    assert not isinstance(after, Failure)
+    assert is_partition(before, after)
+    moved = changed_ground(before, after).area
+    # An end 3 m off swings its side of the square: a triangle of 3 m by at most 33 m, and one
+    # beyond the seam. Steps of the seam, a metre to either side, add 30 m2.
+    assert moved == pytest.approx(30 * 30, abs=2 * (50 + 4.5) + (30 if kind == RAGGED else 0))
+
+
+@given(SHORT, SHORT, st.booleans())
+@settings(max_examples=80, deadline=None)
+def test_round_a_house_where_three_photos_meet_no_more_than_it_moves__law(
+    first: tuple[float, float], last: tuple[float, float], back: bool
+) -> None:
+    three = (
+        seam("a", -300, 0, 0, 300), seam("b", 0, 0, 300, 300), seam("c", -300, -300, 300, 0),
+    )  # fmt: skip
+    ends = [
+        (far * np.cos(way), y + far * np.sin(way)) for y, (far, way) in ((31, first), (1, last))
+    ]
+    places = [ends[0], (30.0, 31.0), (30.0, 1.0), ends[1]]
+    after = follow_line(three, "a", "b", at(*(places[::-1] if back else places)))
+    assert not isinstance(after, Failure)
+    assert is_partition(three, after)
+    moved = changed_ground(three, after).area
+    assert moved == pytest.approx(30 * 30, abs=2 * (50 + 4.5))
+
+
+def test_a_whole_lobe_beyond_the_seam_is_kept_though_its_end_is_far_from_it__truth() -> None:
+    """Only an end that would turn the edit inside out is cut."""
+    after = follow_line(
+        four(), "a", "b", at((99, 110), (80, 110), (80, 140), (120, 140), (120, 170))
+    )
+    assert not isinstance(after, Failure)
+    assert (owner(after, 90, 125), owner(after, 110, 155)) == ("b", "a")
+    assert changed_ground(four(), after).area == pytest.approx(2 * 20 * 30, rel=0.01)
