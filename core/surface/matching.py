@@ -162,7 +162,8 @@ def _rounding(parallax: Picture, sigma: Picture, found: Mask) -> Picture:
     """How far parallaxes scatter in each window about a plane, which it measures without bias.
 
     Their own errors, smooth over the same window, scatter in it by half of their variance, and half
-    of that is a plane. Semi-global matching widens what stands by up to half of its square.
+    of that is a plane. What stands is widened by up to half of a square of semi-global matching,
+    and by up to half of that of the median.
     """
     known = found.astype(np.float32)
     share = np.maximum(_window(known), np.float32(LEAST_KNOWN))
@@ -170,7 +171,8 @@ def _rounding(parallax: Picture, sigma: Picture, found: Mask) -> Picture:
     scatter = _window(parallax**2 * known) / share - mean**2
     plane = WINDOW_SIGMA_PX**2 * (_slope(mean) ** 2 + _slope(mean.T).T ** 2)
     left = np.sqrt(np.maximum(scatter - plane - sigma**2 / 4, np.float32(0)))
-    return np.asarray(cv2.dilate(left, np.ones((BLOCK_PX, BLOCK_PX), dtype=np.uint8)))
+    wide = np.ones((BLOCK_PX + MEDIAN_PX - 1,) * 2, dtype=np.uint8)
+    return np.asarray(cv2.dilate(left, wide))
 
 
 def _across(difference: Picture, slopes: Picture, found: Mask) -> float:

@@ -101,7 +101,8 @@ def judged(scene: SurfaceScene, surface: SurfaceProduct) -> str:
     return (
         f"NMAD {nmad(values) / unit:.2f} ({nmad(values):.2f} m)  bias {np.median(values):+.2f} m  "
         f"> 3 m {100 * np.mean(np.abs(values) > 3):.2f} %  "
-        f"sigma ratio {nmad((error / sigma)[free].compressed()):.2f}  "
+        f"sigma ratio {nmad((error / sigma).compressed()):.2f}  "
+        f"on open ground {nmad((error / sigma)[free].compressed()):.2f}  "
         f"at houses and woods {nmad((error / sigma)[beside].compressed()):.2f}  "
         f"complete {100 * surface.completeness:.1f} %  change found {agreement:.2f}"
     )
