@@ -89,7 +89,7 @@ def make_mosaic(
     layers = (project.reference.buildings, project.reference.roads)
     wanted = (list(orthos), layers, sorted(project.taken.items()), options, edited)
     hand = ByHand(standing_seam_edits(session.decisions()))
-    inputs = products.digest_of("mosaic", 5, *wanted, *([hand.edits] if hand.edits else []))
+    inputs = products.digest_of("mosaic", 6, *wanted, *([hand.edits] if hand.edits else []))
     kept = None if anew else products.load_value("mosaic", products.digest_of(inputs, target))
     if kept is not None and seams.is_file():
         return kept

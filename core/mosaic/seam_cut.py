@@ -62,6 +62,9 @@ SWEEPS = 2
 # design: a house with its garden; a row of them
 WAYS_ROUND_CELLS = (24, 64)
 """How far beside the band a way round a building is looked for, cells of the finest level."""
+# design: a jump that all see; a hundred times as dear, it stays far below a building
+MOST_UNLIKE = 10.0
+"""Differences beyond this count as this, usual differences."""
 # design: below it is rounding of 8 bits
 LEAST_DIFFERENCE = 1.0
 """Usual difference of two photos at least, gray values of 255."""
@@ -254,7 +257,8 @@ def _edge_costs(grays: list[Cells], both: Mask, built: Cells, road: Cells, cell:
     slopes = [np.gradient(gray) if min(gray.shape) > 1 else [gray * 0] * 2 for gray in grays]
     apart = np.abs(grays[0] - grays[1])
     turned = np.hypot(slopes[0][0] - slopes[1][0], slopes[0][1] - slopes[1][1])
-    unlike = apart / _usual(apart, both) + turned / _usual(turned, both)
+    # Squares: one jump is seen sooner than many slight differences.
+    unlike = _squared_share(apart, both) + _squared_share(turned, both)
     costs: list[np.ndarray] = []
     for axis in (1, 0):
         before, after = (np.s_[:, :-1], np.s_[:, 1:]) if axis else (np.s_[:-1], np.s_[1:])
@@ -266,6 +270,11 @@ def _edge_costs(grays: list[Cells], both: Mask, built: Cells, road: Cells, cell:
         cost = cost + THROUGH_BUILDING * np.maximum(built[before], built[after])
         costs.append((cell * cost).astype(np.float32))
     return costs[0], costs[1]
+
+
+def _squared_share(values: Cells, where: Mask) -> Cells:
+    """Squared differences as shares of the usual one, up to what all see."""
+    return np.minimum(values / _usual(values, where), MOST_UNLIKE) ** 2
 
 
 def _usual(values: np.ndarray, where: Mask) -> float:

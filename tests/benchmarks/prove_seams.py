@@ -7,7 +7,8 @@ it, mean of the absolute values: pixel by pixel, grain and all, and of means ove
 pixels a side, which is what an eye sees as a jump; of the latter the 95th percentile as well. The
 step is what the mosaic itself shows: from nine pixels a side just beyond the feather to as many on
 the other side of the seam, less what the two photos show in the mean from there to there; mean and
-95th percentile.
+95th percentile. Photos differ by themselves: the last figure is what the same measure gives there
+where either photo alone is shown, without any seam.
 
 Run: python -m tests.benchmarks.prove_seams BLOCK ... [--out FOLDER]
 """
@@ -58,8 +59,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="keep the mosaics here")
     asked = parser.parse_args()
     heads = ["block", "seams", "length m", "near houses", "difference", "of means", "95 %"]
-    say("| " + " | ".join([*heads, "step", "95 %", "s", "holes"]) + " |")
-    say("|---|---|---|---|---|---|---|---|---|---|---|")
+    say("| " + " | ".join([*heads, "step", "95 %", "no seam", "s", "holes"]) + " |")
+    say("|---|---|---|---|---|---|---|---|---|---|---|---|")
     for folder in asked.blocks:
         with tempfile.TemporaryDirectory() as name:
             out = Path(name) if asked.out is None else asked.out
@@ -90,11 +91,11 @@ def prove(folder: Path, out: Path) -> None:
         if guides.buildings:
             houses = f"{lines.intersection(near).length / lines.length:.1%}"
         raw, jumps = (differences(made, orthos, side) for side in (1, MEAN_PX))
-        left = steps(made, orthos)
+        left, alone = steps(made, orthos)
         say(
             f"| {folder.name} | {kind} | {lines.length:.0f} | {houses} "
             f"| {np.mean(raw):.2f} | {np.mean(jumps):.2f} | {np.percentile(jumps, 95):.2f} "
-            f"| {np.mean(left):.2f} | {np.percentile(left, 95):.2f} "
+            f"| {np.mean(left):.2f} | {np.percentile(left, 95):.2f} | {np.mean(alone):.2f} "
             f"| {took:.1f} | {len(made.holes)} |"
         )
 
@@ -142,12 +143,13 @@ def differences(made: MosaicProduct, orthos: list[OrthoProduct], side: int) -> n
     return every[np.isfinite(every)]
 
 
-def steps(made: MosaicProduct, orthos: list[OrthoProduct]) -> np.ndarray:
-    """Absolute steps of the mosaic across all seams beyond what the photos show there."""
+def steps(made: MosaicProduct, orthos: list[OrthoProduct]) -> tuple[np.ndarray, np.ndarray]:
+    """Absolute steps across all seams beyond the photos' mean: the mosaic's, and one photo's."""
     by_name = {ortho.photo_id: ortho for ortho in orthos}
     whole = OrthoProduct("mosaic", made.path, made.grid, 1.0, (0.0, 0.0))
     aside = (FEATHER_PX + MEAN_PX + 1) / 2 * made.grid.ground_sample_distance_m
     found: list[np.ndarray] = []
+    alone: list[np.ndarray] = []
     for k, a in enumerate(made.seams):
         for b in made.seams[:k]:
             line = a.area.intersection(b.area)
@@ -173,8 +175,9 @@ def steps(made: MosaicProduct, orthos: list[OrthoProduct]) -> np.ndarray:
                     )
                     contrasts.append(left - right)
                 found.append(np.abs(contrasts[0] - (contrasts[1] + contrasts[2]) / 2))
-    every = np.concatenate(found)
-    return every[np.isfinite(every)]
+                alone.append(np.abs(contrasts[1] - contrasts[2]) / 2)
+    mosaic, photo = np.concatenate(found), np.concatenate(alone)
+    return mosaic[np.isfinite(mosaic)], photo[np.isfinite(photo)]
 
 
 def shown_at(ortho: OrthoProduct, balance: Balance, places: np.ndarray, side: int) -> np.ndarray:
