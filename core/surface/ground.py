@@ -69,7 +69,7 @@ LEAST_AREA_M2 = 2000.0
 """Ground has changed over a connected area of this size at least."""
 # source: angle of repose of earth and gravel, 37 degrees at most (Terzaghi and Peck 1967)
 STEEPEST = 0.75
-"""Rise over run of the edge, beyond which what is higher stands on the ground."""
+"""Rise over run, beyond which an edge is a wall, and what ends in one stands on the ground."""
 # design: bare ground has one by definition, a canopy of crowns and gaps has several.
 ROUGHEST = 1.7
 """Roughness over standard deviation, beyond which what is higher is a wood."""
@@ -215,12 +215,19 @@ def _choose(
     limit = LIMIT * np.hypot(np.where(known, sigmas, 0), dem_sigma_m)
     agrees = known & (np.abs(smooth) <= limit)
     ground = _without_objects(smooth, agrees, cell_m)
-    slope, wall = (np.hypot(*np.gradient(one, cell_m)) for one in (smooth, ground))
     excess = _roughness(smooth, away) / np.where(known, sigmas, np.inf)
-    # A wood beside changed ground is parted from it by its wall.
     high = known & (ground > limit)
     low = known & (ground < -limit)
-    own = _parts(high & (wall <= STEEPEST), cell_m, lambda part: _is_bare(part, slope, excess))
+
+    beside = low | ~known
+
+    def is_bare(part: Mask) -> bool:
+        rough = float(np.median(excess[part]))
+        return rough <= ROUGHEST and _ends_gently(part, smooth, limit, beside, cell_m)
+
+    # A wood beside changed ground is parted from it by its wall.
+    wall = np.hypot(*np.gradient(ground, cell_m)) > STEEPEST
+    own = _parts(high & ~wall, cell_m, is_bare)
     own |= _parts(low, cell_m, lambda part: True)
     wide = cv2.dilate(own.astype(np.uint8), _disc(EDGE_CELLS))
     share = np.asarray(cv2.GaussianBlur(wide.astype(np.float32), (0, 0), NEAR_CELLS))
@@ -242,12 +249,19 @@ def _parts(mask: Mask, cell_m: float, holds: Callable[[Mask], bool]) -> Mask:
     return accepted[np.asarray(numbers, dtype=np.int64)]
 
 
-def _is_bare(part: Mask, slope: Picture, excess: Picture) -> bool:
-    """Whether a part that is higher is ground: no canopy, and most of its edge no wall."""
-    inner = part.astype(np.uint8)
+def _ends_gently(part: Mask, smooth: Picture, limit: Picture, beside: Mask, cell_m: float) -> bool:
+    """Whether less than half of the edge of a part that is higher is a wall.
+
+    Only the edge to unchanged ground counts: not where something higher begins, such as a wood on
+    its slope, nor where it lies beside ground that is lower than the DEM or not known.
+    """
+    inner, near = part.astype(np.uint8), _disc(2)
     edge = (cv2.dilate(inner, _disc(1)) > 0) & (cv2.erode(inner, _disc(1)) == 0)
-    highest = cv2.dilate(slope.astype(np.float32), _disc(2))
-    return np.median(highest[edge]) <= STEEPEST and np.median(excess[part]) <= ROUGHEST
+    edge &= cv2.dilate(beside.astype(np.uint8), _disc(EDGE_CELLS)) == 0
+    edge &= cv2.dilate(smooth, near) <= float(np.median(smooth[part])) + limit
+    slope = np.hypot(*np.gradient(smooth, cell_m)).astype(np.float32)
+    steepest = cv2.dilate(slope, near)[edge]
+    return steepest.size > 0 and float(np.median(steepest)) <= STEEPEST
 
 
 def _without_objects(smooth: Picture, agrees: Mask, cell_m: float) -> Picture:
