@@ -57,6 +57,8 @@ class SystematicPart:
         return _design(plan, self.bounds) @ self.coefficients
 
 
+Window = tuple[slice, slice]
+"""Rows and columns of a part of a raster."""
 GroundKind = Literal["dem", "surface", "auto"]
 # source: three standard deviations, METHODS 8
 LIMIT = 3.0
@@ -220,15 +222,15 @@ def _choose(
     low = known & (ground < -limit)
 
     beside = low | ~known
+    slope, wall = (np.hypot(*np.gradient(one, cell_m)) for one in (smooth, ground))
 
-    def is_bare(part: Mask) -> bool:
-        rough = float(np.median(excess[part]))
-        return rough <= ROUGHEST and _ends_gently(part, smooth, limit, beside, cell_m)
+    def is_bare(part: Mask, at: Window) -> bool:
+        rough = float(np.median(excess[at][part]))
+        gently = _ends_gently(part, smooth[at], slope[at], limit[at], beside[at])
+        return rough <= ROUGHEST and gently
 
     # A wood beside changed ground is parted from it by its wall.
-    wall = np.hypot(*np.gradient(ground, cell_m)) > STEEPEST
-    own = _parts(high & ~wall, cell_m, is_bare)
-    own |= _parts(low, cell_m, lambda part: True)
+    own = _parts(high & (wall <= STEEPEST), cell_m, is_bare) | _parts(low, cell_m)
     wide = cv2.dilate(own.astype(np.uint8), _disc(EDGE_CELLS))
     share = np.asarray(cv2.GaussianBlur(wide.astype(np.float32), (0, 0), NEAR_CELLS))
     stands = (high | low) & ~own
@@ -239,17 +241,23 @@ def _choose(
     return (share * ground).astype(np.float32), chosen.astype(np.uint8)
 
 
-def _parts(mask: Mask, cell_m: float, holds: Callable[[Mask], bool]) -> Mask:
-    """The connected parts of a mask that are large enough and of which something holds."""
-    count, numbers, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+def _parts(
+    mask: Mask, cell_m: float, holds: Callable[[Mask, Window], bool] = lambda part, at: True
+) -> Mask:
+    """The connected parts of a mask that are large enough, and of which something holds."""
+    count, numbers, figures, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
     accepted = np.zeros(count, dtype=bool)
-    for number in range(1, count):
-        large = stats[number, cv2.CC_STAT_AREA] * cell_m**2 >= LEAST_AREA_M2
-        accepted[number] = large and holds(numbers == number)
+    for number, (left, top, wide, high, cells) in enumerate(figures.tolist()):
+        if number == 0 or cells * cell_m**2 < LEAST_AREA_M2:
+            continue
+        # With the cells that tell how it ends.
+        row, column = (max(side - 2 * EDGE_CELLS, 0) for side in (top, left))
+        at = np.s_[row : top + high + 2 * EDGE_CELLS, column : left + wide + 2 * EDGE_CELLS]
+        accepted[number] = holds(numbers[at] == number, at)
     return accepted[np.asarray(numbers, dtype=np.int64)]
 
 
-def _ends_gently(part: Mask, smooth: Picture, limit: Picture, beside: Mask, cell_m: float) -> bool:
+def _ends_gently(part: Mask, smooth: Picture, slope: Picture, limit: Picture, beside: Mask) -> bool:
     """Whether less than half of the edge of a part that is higher is a wall.
 
     Only the edge to unchanged ground counts: not where something higher begins, such as a wood on
@@ -259,8 +267,7 @@ def _ends_gently(part: Mask, smooth: Picture, limit: Picture, beside: Mask, cell
     edge = (cv2.dilate(inner, _disc(1)) > 0) & (cv2.erode(inner, _disc(1)) == 0)
     edge &= cv2.dilate(beside.astype(np.uint8), _disc(EDGE_CELLS)) == 0
     edge &= cv2.dilate(smooth, near) <= float(np.median(smooth[part])) + limit
-    slope = np.hypot(*np.gradient(smooth, cell_m)).astype(np.float32)
-    steepest = cv2.dilate(slope, near)[edge]
+    steepest = cv2.dilate(slope.astype(np.float32), near)[edge]
     return steepest.size > 0 and float(np.median(steepest)) <= STEEPEST
 
 
