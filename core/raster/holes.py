@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -40,6 +40,13 @@ class Hole:
     """Photos whose picture reaches over its middle, where it is left out; none reaches if empty."""
     without_height: bool = False
     """Whether the DEM has no height at its middle, so that no photo can be laid there."""
+
+    @property
+    def why(self) -> Literal["no-height", "masked", "unreached"]:
+        """Why nothing is shown."""
+        if self.without_height:
+            return "no-height"
+        return "masked" if self.masked_in else "unreached"
 
 
 def find_holes(path: Path) -> tuple[Hole, ...]:

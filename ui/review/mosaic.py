@@ -198,7 +198,13 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
             for name, polygon in borders.items()
         },
         "holes": [
-            [round(hole.east, 1), round(hole.north, 1), round(hole.area_m2, 1)]
+            [
+                round(hole.east, 1),
+                round(hole.north, 1),
+                round(hole.area_m2, 1),
+                hole.why,
+                list(hole.masked_in),
+            ]
             for hole in product.holes[:HOLES_TOLD]
         ],
         "hole_count": len(product.holes),

@@ -396,7 +396,7 @@ interface Mosaic {
   area?: number;
   seams?: SeamOf[];
   borders?: Record<string, Pair[]>;
-  holes?: [east: number, north: number, area: number][];
+  holes?: [east: number, north: number, area: number, why: string, scans: string[]][];
   hole_count?: number;
   /** Names the seams where edits changed them since the file was written; else 0. */
   edition?: number;

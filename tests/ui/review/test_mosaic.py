@@ -56,7 +56,7 @@ def desk() -> DeskSnapshot:
         Seam(EAST, "", shapely.box(middle, south, east, north)),
     )
     grid = Grid(west, north, 1.0, int(east - west), int(north - south))
-    holes = (Hole(900.0, west + 40.0, north - 30.0),)
+    holes = (Hole(900.0, west + 40.0, north - 30.0, masked_in=("west",)),)
     product = MosaicProduct(Path("mosaic.tif"), grid, seams, {}, 0.5, holes)
     influence = influence_of(known.state.report, OPTIONS)
     assert influence is not None
@@ -80,7 +80,7 @@ def test_the_sheet_tells_seams_borders_holes_and_what_is_stale__truth(desk: Desk
     assert [seam["photo"] for seam in part["seams"]] == [WEST, EAST]
     assert part["seams"][0]["label"] == pytest.approx(middle_of(desk), abs=0.1)
     assert set(part["borders"]) == set(desk.state.oriented.photos)
-    assert part["holes"] == [[*part["holes"][0][:2], 900.0]]
+    assert part["holes"] == [[*part["holes"][0][:2], 900.0, "masked", ["west"]]]
     assert part["area"] == 0.5 * 1200 * 800
 
 

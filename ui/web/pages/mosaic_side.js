@@ -191,10 +191,11 @@ function misfits({ misfits: places = [] }, picked, { ask }) {
 /** @param {Mosaic} found @param {Acts} acts */
 function holes({ holes: found = [], hole_count: count = 0 }, { goTo }) {
   if (!count) return [element("p", { class: "muted" }, word("mosaic.holes.none"))];
-  const lines = found.map(([east, north, area]) => element("button", { class: "scan",
+  const lines = found.map(([east, north, area, why, scans]) => element("button", { class: "scan",
     "data-hole": "", onclick: () => goTo([east, north]) },
   element("span", {}, squareMetres(area)),
-  element("span", { class: "muted" }, `${number(east, 0)}  ${number(north, 0)}`)));
+  element("span", { class: "muted" }, `${number(east, 0)}  ${number(north, 0)}`),
+  element("small", {}, word(`hole.${why}`, { scans: scans.map(shortName).join(", ") }))));
   return [element("h3", {}, word("mosaic.holes", { count })),
     element("div", { class: "scans" }, ...lines)];
 }
