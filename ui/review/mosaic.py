@@ -24,6 +24,7 @@ from core.mosaic.seam_edits import (
 )
 from core.mosaic.seams import Seam
 from core.quality.check_plan import CheckPlace
+from core.raster.holes import Hole
 from core.scans.fiducials import HAND_SIGMA_PX
 from sessions.decisions import Recorded, Remark, standing
 from sessions.remarks import standing_faults
@@ -197,16 +198,7 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
             name: np.round(shapely.get_coordinates(polygon.exterior), 1).tolist()
             for name, polygon in borders.items()
         },
-        "holes": [
-            [
-                round(hole.east, 1),
-                round(hole.north, 1),
-                round(hole.area_m2, 1),
-                hole.why,
-                list(hole.masked_in),
-            ]
-            for hole in product.holes[:HOLES_TOLD]
-        ],
+        "holes": [_hole(hole) for hole in product.holes[:HOLES_TOLD]],
         "hole_count": len(product.holes),
         "faults": faults_part(desk.recorded),
         "misfits": [
@@ -224,6 +216,12 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
             for one in shown.misfit[:MISFITS_TOLD]
         ],
     }
+
+
+def _hole(hole: Hole) -> list[object]:
+    """Its middle and area, why nothing is shown, and the photos it is left out in."""
+    place = (round(value, 1) for value in (hole.east, hole.north, hole.area_m2))
+    return [*place, hole.why, list(hole.masked_in)]
 
 
 def _seam(seam: Seam, gsd_m: float) -> Part:
