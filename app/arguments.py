@@ -288,7 +288,7 @@ def wrong_use(given: argparse.Namespace) -> str:
         except ProjectError as error:
             return error.told
     if lesson := getattr(given, "lesson", ""):
-        from app.teaching import find_lessons
+        from app.found_lessons import find_lessons
 
         lessons = tuple(find_lessons(given.own))
         if lesson not in lessons:

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from app.found_lessons import find_lessons
 from app.lessons.sheet import Lesson, View
-from app.teaching import find_lessons, state_of
+from app.teaching import state_of
 from core.errors import PhotogrammetryError
 
 Points = Float64[np.ndarray, "points 2"]

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from app.block_toml import folder_of
 from app.experiments import EXPERIMENTS, Table, open_ground, truth_of, write_log
-from app.teaching import Teacher, find_lessons, open_teaching
+from app.found_lessons import find_lessons
+from app.teaching import Teacher, open_teaching
 from app.terminal import Voice
 from ui.words.catalogue import Teller
 

@@ -12,8 +12,9 @@ from urllib import request
 import pytest
 
 from app.cli import main
+from app.found_lessons import find_lessons
 from app.lessons.sheet import LessonError
-from app.teaching import Teacher, find_lessons, open_teaching, plain, state_of
+from app.teaching import Teacher, open_teaching, plain, state_of
 
 pytestmark = pytest.mark.usefixtures("teaching_cache")
 OWN = Path(__file__).parents[2] / "docs" / "python" / "lessons.md"

@@ -16,8 +16,8 @@ from contextlib import contextmanager
 import aiohttp
 import numpy as np
 
+from app.found_lessons import find_lessons
 from app.lessons.sheet import Lesson, Slider
-from app.teaching import find_lessons
 from tests.benchmarks.desk_browser import HOME, address_of, browser, told
 from tests.benchmarks.large_desk import say_row
 

@@ -20,8 +20,8 @@ from typing import Any
 
 from playwright.sync_api import Error as PageError
 
+from app.found_lessons import find_lessons
 from app.start import open_start
-from app.teaching import find_lessons
 from tests.benchmarks.desk_browser import HOME, browser
 from tests.browser.conftest import PATIENCE_MS, machine, scene_of
 from tests.browser.hands import caught_up, current, gone_on, grow, settled, unfold

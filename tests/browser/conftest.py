@@ -11,8 +11,9 @@ import pytest
 from app.check_plan import PlanWish, draw_plan
 from app.desk.inputs import desk_inputs as run_inputs
 from app.desk.wiring import OpenDesk, open_desk
+from app.found_lessons import find_lessons
 from app.project import read_project
-from app.teaching import find_lessons, open_teaching
+from app.teaching import open_teaching
 from sessions.session import Session
 from tests.ui.desk_block import desk_inputs
 

@@ -7,8 +7,9 @@ from urllib.parse import urlencode
 
 import pytest
 
+from app.found_lessons import find_lessons
 from app.lessons.ransac import LESSON, search_of
-from app.teaching import Teacher, find_lessons, open_teaching, state_of
+from app.teaching import Teacher, open_teaching, state_of
 from tests.app.lessons.test_textbook import CHECKS
 
 READY = "#figures b"

@@ -26,10 +26,11 @@ from playwright.sync_api import sync_playwright
 from app.check_plan import PlanWish, plan_checks
 from app.desk.inputs import desk_inputs
 from app.desk.wiring import open_desk
+from app.found_lessons import find_lessons
 from app.placing import Placeable, open_placing
 from app.project import described, read_project
 from app.start import open_start
-from app.teaching import find_lessons, open_teaching
+from app.teaching import open_teaching
 from core.matching.reference import open_reference
 from core.progress import Progress
 from core.synthetic.archive import make_block

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import gruber
-from app.teaching import Teacher, find_lessons
+from app.found_lessons import find_lessons
+from app.teaching import Teacher
 
 PYTHON = Path(__file__).resolve().parents[2] / "docs" / "python"
 

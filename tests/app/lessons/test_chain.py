@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.found_lessons import find_lessons
 from app.lessons import chain_flight as flown
 from app.lessons.chain import LESSON, STEPS
 from app.lessons.chain_flight import CAMERA, DEM, MARKS, Given
-from app.teaching import Teacher, find_lessons, shown
+from app.teaching import Teacher, shown
 from core.literature.common_grid import grid_about
 
 SEEDS = range(1, 6)

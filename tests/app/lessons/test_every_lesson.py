@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.found_lessons import find_lessons, text_keys, view_keys
 from app.lessons import relative, sheet, space
 from app.lessons.photo import camera_with, photo_model, tilted_at, vertical_at
 from app.lessons.sheet import LessonError
-from app.teaching import Teacher, find_lessons, plain, state_of, text_keys, view_keys
+from app.teaching import Teacher, plain, state_of
 from core.geometry.collinearity import film_from_object, object_from_film, refraction_constant
 from core.geometry.image_corrections import (
     curvature_um,

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from app.found_lessons import find_lessons
 from app.lessons import sheet
-from app.teaching import find_lessons, state_of
+from app.teaching import state_of
 
 LESSONS = find_lessons()
 METRES = {"µm": 1e-6, "mm": 1e-3, "m": 1.0, "km": 1e3, "°": np.pi / 180, "·10⁻⁶": 1e-6,

@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
+from app.found_lessons import find_lessons
 from app.lessons import places, sheet
-from app.teaching import Teacher, find_lessons
+from app.teaching import Teacher
 from core.errors import ReferenceDataError, StorageError
 from core.synthetic.truth import WRONG_M
 from tests.forked import Forked

@@ -9,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.found_lessons import find_lessons
 from app.lessons.ransac import BLOCKS, candidates, search_of
-from app.teaching import find_lessons, state_of
+from app.teaching import state_of
 from core.literature.published_chains import BATCH, RansacOptions, agreeing_points
 
 LESSONS = find_lessons()

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from app.found_lessons import find_lessons
 from app.lessons.photo import HALF_MM, tilted_at
-from app.teaching import Teacher, find_lessons, state_of
+from app.teaching import Teacher, state_of
 from core.geometry.image_corrections import nadir_on_film
 
 LESSONS = find_lessons()
