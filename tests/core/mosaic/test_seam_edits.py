@@ -264,8 +264,10 @@ def test_round_a_house_where_three_photos_meet_no_more_than_it_moves__law(
     first: tuple[float, float], last: tuple[float, float], back: bool
 ) -> None:
     three = (
-        seam("a", -300, 0, 0, 300), seam("b", 0, 0, 300, 300), seam("c", -300, -300, 300, 0),
-    )  # fmt: skip
+        seam("a", -300, 0, 0, 300),
+        seam("b", 0, 0, 300, 300),
+        seam("c", -300, -300, 300, 0),
+    )
     ends = [
         (far * np.cos(way), y + far * np.sin(way)) for y, (far, way) in ((31, first), (1, last))
     ]
