@@ -190,6 +190,18 @@ def seam_of(page: Any) -> tuple[str, str, list[float]]:
     )
 
 
+def enlarge(page: Any, edge: list[float]) -> None:
+    """Until the middle half of an edge is as long as a hand tells corners apart: 9 pixels."""
+    for _ in range(30):
+        ends = np.array([on_screen(page, "right", end) for end in (edge[:2], edge[2:])])
+        if np.linalg.norm(ends[1] - ends[0]) > 100:
+            break
+        page.mouse.move(*ends.mean(axis=0))
+        page.mouse.wheel(0, -120)
+        drawn(page)
+    page.wait_for_function(WHOLE)
+
+
 def corners_about(edge: list[float]) -> list[list[float]]:
     """Four places: from a seam to one side of it, along it, and back."""
     begin, end = np.array(edge[:2]), np.array(edge[2:])
@@ -208,6 +220,7 @@ def test_a_seam_is_drawn_undone_and_drawn_into_the_file__law(
     page = sit_at(real_desk.desk.url, scene=False)
     open_mosaic(page)
     one, two, edge = seam_of(page)
+    enlarge(page, edge)
     corners = corners_about(edge)
     page.keyboard.press("l")
     page.wait_for_selector("[data-tool=line].on")
