@@ -23,6 +23,7 @@ from core.sheets.stage import VERSION, SheetOptions, cut_sheets
 from sessions.atomic_write import whole_file, whole_folder
 from sessions.checks import version_on_disk
 from sessions.disk import explain_disk_errors
+from sessions.products import stamp_of
 from sessions.session import Session
 
 FOLDER = "sheets"
@@ -248,5 +249,8 @@ class Keeper:
         return entry
 
     def _digest(self, file: str, made_from: tuple[Any, ...]) -> str:
-        digest_of = self._session.products.digest_of
-        return digest_of(digest_of("sheet", *made_from), self._folder / file)
+        target = self._folder / file
+        # World files of the other formats lie beside it and say nothing of it.
+        own = [target.with_name(target.stem + end) for end in COMPANIONS.get(target.suffix, ())]
+        stamps = [stamp_of(path) for path in (target, *own)]
+        return self._session.products.digest_of("sheet", *made_from, stamps)

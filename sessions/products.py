@@ -191,11 +191,11 @@ def _stamps(path: Path, here: Path | None) -> Any:
     named = path_to_json(path, here)
     path = Path(str(path).partition(LAYER_MARK)[0])
     beside = [path.with_suffix(suffix) for suffix in COMPANIONS] if path.suffix else []
-    stamps = [_stamp(file) for file in (path, path.with_name(f"{path.name}.points"), *beside)]
+    stamps = [stamp_of(file) for file in (path, path.with_name(f"{path.name}.points"), *beside)]
     return named | {"@stamps": [stamp for stamp in stamps if stamp is not None]}
 
 
-def _stamp(path: Path) -> list[Any] | None:
+def stamp_of(path: Path) -> list[Any] | None:
     """Name, size, time and a sample of the content of a file; None where there is none."""
     try:
         with path.open("rb") as file:

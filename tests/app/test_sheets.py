@@ -96,18 +96,26 @@ def test_a_delivery_that_is_fresh_is_not_touched__law(session: Session, folder: 
     assert sheets_line(again) == "4 sheets in 4 files, 0 made now"
 
 
-def test_a_change_remakes_the_sheets_it_touches__truth(session: Session, folder: Path) -> None:
-    made(session, folder)
+@pytest.mark.parametrize(
+    ("formats", "files"),
+    [
+        (["geotiff"], {"HUST25.tif", "HUST25.tfw"}),
+        (["geotiff", "jp2"], {"HUST25.tif", "HUST25.tfw", "HUST25.jp2", "HUST25.j2w"}),
+    ],
+)
+def test_a_change_remakes_the_sheets_it_touches__truth(
+    session: Session, folder: Path, formats: list[str], files: set[str]
+) -> None:
+    settings = f"[sheets]\nformats = {formats}\n"
+    made(session, folder, settings)
     before = stamps(folder)
     with rasterio.open(folder / "results/mosaic.tif", "r+") as file:
         row, column = file.index(-580_300, -1_190_300)
         window = ((row, row + 2), (column, column + 2))
         file.write(np.full((1, 2, 2), 9, np.uint8), window=window)
-    assert made(session, folder).made == 1
+    assert made(session, folder, settings).made == len(formats)
     changed = {name for name, stamp in stamps(folder).items() if before[name] != stamp}
-    assert {name for name in changed if name.endswith((".tif", ".tfw"))} == {
-        "HUST25.tif", "HUST25.tfw",
-    }  # fmt: skip
+    assert {name for name in changed if name.endswith((".tif", ".tfw", ".jp2", ".j2w"))} == files
     assert "index.gpkg" in changed
 
 
