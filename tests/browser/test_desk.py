@@ -24,6 +24,7 @@ from tests.browser.hands import (
     sigma,
     state_of,
     unfold,
+    until,
 )
 from tests.ui.desk_block import desk_inputs, tiny_block
 from ui.review.compare import made_with
@@ -218,10 +219,15 @@ def test_a_digit_gives_the_reason_of_a_rejection__law(sit):
 
 def test_keys_pressed_in_the_scene_are_the_desks__law(sit):
     page = sit()
-    point = current(page)
+    # A scene that is still being loaded gives the focus back.
+    scene_of(page)
     room = page.locator("#scene").bounding_box()
-    page.mouse.click(room["x"] + 12, room["y"] + 40)
-    page.wait_for_function("document.activeElement.id === 'scene'")
+
+    def is_in_it() -> bool:
+        page.mouse.click(room["x"] + 12, room["y"] + 40)
+        return page.evaluate("document.activeElement.id === 'scene'")
+
+    until(page, is_in_it)
     point = current(page)
     page.keyboard.press("m")
     becomes(page, point, "dubious")
@@ -235,19 +241,22 @@ def test_a_click_on_a_frustum_shows_its_photo__truth(sit):
         "innerWidth > 1000 && "
         "Math.abs(__viserMutable.camera.aspect - innerWidth / innerHeight) < 0.01"
     )
-    page.wait_for_timeout(1000)
-    place = scene.evaluate(
-        """name => {
+    place_of = """name => {
           const at = __viserMutable.nodeRefFromName[name].getWorldPosition(
             __viserMutable.camera.position.clone());
           at.project(__viserMutable.camera);
           return [(at.x + 1) / 2 * innerWidth, (1 - at.y) / 2 * innerHeight];
-        }""",
-        names.photo_node("1938_02_014"),
-    )
+        }"""
     room = page.locator("#scene").bounding_box()
-    page.mouse.click(room["x"] + place[0], room["y"] + place[1] + 40)
-    page.wait_for_function("gruber.parts.point.key[1] === '1938_02_014'")
+
+    def is_shown() -> bool:
+        """Clicked once more while the camera still moves."""
+        x, y = scene.evaluate(place_of, names.photo_node("1938_02_014"))
+        page.mouse.click(room["x"] + x, room["y"] + y + 40)
+        page.wait_for_timeout(300)
+        return page.evaluate("gruber.parts.point.key[1] === '1938_02_014'")
+
+    until(page, is_shown)
 
 
 def test_a_reload_finds_everything_as_it_was__law(sit):
