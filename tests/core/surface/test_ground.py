@@ -31,6 +31,18 @@ def written(path, values):
     return path
 
 
+def choice_in(folder, values, kind):
+    """What is chosen for differences to the DEM, with its files in a folder."""
+    return choose_ground(
+        written(folder / "difference.tif", values),
+        written(folder / "sigma.tif", np.full_like(values, SIGMA_M)),
+        kind,
+        0.3,
+        classes=folder / "ground.tif",
+        corrections=folder / "corrections.tif",
+    )
+
+
 def trapeze(rows, columns, height):
     """An embankment or pit with slopes of 1 : 2."""
     row, column = np.mgrid[: GRID.rows, : GRID.columns]
@@ -58,14 +70,7 @@ def differences():
 @pytest.fixture(scope="module")
 def chosen(differences, tmp_path_factory):
     folder = tmp_path_factory.mktemp("ground")
-    made = choose_ground(
-        written(folder / "difference.tif", differences[2]),
-        written(folder / "sigma.tif", np.full_like(differences[2], SIGMA_M)),
-        "auto",
-        0.3,
-        classes=folder / "ground.tif",
-        corrections=folder / "corrections.tif",
-    )
+    made = choice_in(folder, differences[2], "auto")
     with rasterio.open(made.classes) as file:
         return made, file.read(1), read_ground(made.corrections, Level())
 
@@ -104,14 +109,7 @@ def test_what_was_cut_away_beside_two_fills_is_ground__truth(tmp_path):
     for rows in ((60, 94), (156, 190)):
         change = change + trapeze(rows, (100, 300), -8.0)
     values = change + np.random.default_rng(5).normal(0, SIGMA_M, change.shape)
-    made = choose_ground(
-        written(tmp_path / "difference.tif", values),
-        written(tmp_path / "sigma.tif", np.full_like(values, SIGMA_M)),
-        "auto",
-        0.3,
-        classes=tmp_path / "ground.tif",
-        corrections=tmp_path / "corrections.tif",
-    )
+    made = choice_in(tmp_path, values, "auto")
     error = read_ground(made.corrections, Level()).on(GRID) - 250.0 - change
     assert np.sqrt(np.mean(error[108:142, 112:288] ** 2)) < 1.0
 
@@ -126,14 +124,7 @@ def test_where_there_is_no_surface_the_dem_stands_alone__truth(chosen):
 
 def test_surface_takes_all_that_is_known__truth(differences, tmp_path):
     _, _, values = differences
-    made = choose_ground(
-        written(tmp_path / "difference.tif", values),
-        written(tmp_path / "sigma.tif", np.full_like(values, SIGMA_M)),
-        "surface",
-        0.3,
-        classes=tmp_path / "ground.tif",
-        corrections=tmp_path / "corrections.tif",
-    )
+    made = choice_in(tmp_path, values, "surface")
     with rasterio.open(made.classes) as file:
         classes = file.read(1)
     np.testing.assert_array_equal(classes == Ground.SURFACE, np.isfinite(values))
