@@ -69,7 +69,7 @@ OBJECT_M = 25.0
 # design: a fifth of a sports ground; a hall of this size is taken out by its edges.
 LEAST_AREA_M2 = 2000.0
 """Ground has changed over a connected area of this size at least."""
-# source: angle of repose of earth and gravel, 37 degrees at most (Terzaghi and Peck 1967)
+# design: loose earth and gravel rest at 30 to 37 degrees; chosen on the blocks for developing
 STEEPEST = 0.75
 """Rise over run, beyond which an edge is a wall, and what ends in one stands on the ground."""
 # design: bare ground has one by definition, a canopy of crowns and gaps has several.
