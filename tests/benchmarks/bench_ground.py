@@ -9,7 +9,6 @@ its own.
 """
 
 import multiprocessing
-import resource
 import sys
 import tempfile
 from collections.abc import Callable
@@ -22,7 +21,7 @@ from core.geometry.camera import Camera
 from core.mosaic.composition import compose_mosaic, mosaic_grid
 from core.orthos.rectification import OrthoProduct, rectify_photo
 from core.raster.dem import Dem, open_dem
-from tests.benchmarks.bench_ortho import CRS, GSD, PIXEL_MM, processor_seconds, write_dem
+from tests.benchmarks.bench_ortho import CRS, GSD, PIXEL_MM, peak_gib, processor_seconds, write_dem
 from tests.benchmarks.bench_ortho import write_photo as written
 from tests.benchmarks.large_desk import say
 
@@ -57,19 +56,15 @@ def report(what: str, work: Callable[[], object]) -> None:
     child.start()
     child.join()
     assert child.exitcode == 0, what
-    seconds, peak_kib = reading.recv()
-    say(
-        f"{what}: {seconds:.1f} CPU s, {perf_counter() - began:.1f} s, "
-        f"peak {peak_kib / 1024**2:.2f} GiB"
-    )
+    seconds, peak = reading.recv()
+    say(f"{what}: {seconds:.1f} CPU s, {perf_counter() - began:.1f} s, peak {peak:.2f} GiB")
 
 
 def measured(work: Callable[[], object], told) -> None:
-    """Processor seconds of the work, and the peak of this process."""
+    """Processor seconds of the work, and most memory of this process."""
     began = processor_seconds()
     work()
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    told.send((processor_seconds() - began, peak))
+    told.send((processor_seconds() - began, peak_gib()))
 
 
 def dem_of(path: Path) -> Dem:

@@ -79,8 +79,7 @@ def main() -> None:
                 say(f"{threads} over {what}: wall {share[0]:.2f}, CPU {share[1]:.2f}")
         warped(folder, photos[0], rpc, dem_path, grid, 0.0)
         agreement(folder)
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        say(f"peak memory of it all: {peak:.0f} MB")
+        say(f"peak memory of it all: {peak_gib():.2f} GiB")
 
 
 def ours(folder: Path, photo: Photo, camera: Camera, dem: Dem, grid: Grid, threads: int) -> None:
@@ -283,6 +282,15 @@ def side_by_side(ways: dict[str, Callable[[], object]]) -> dict[str, tuple[float
         what: (min(wall for wall, _ in rounds), min(spent for _, spent in rounds))
         for what, rounds in found.items()
     }
+
+
+def peak_gib() -> float:
+    """Most memory of this program since it began, GiB.
+
+    `getrusage` also counts what the process held that started it.
+    """
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    return int(status.split("VmHWM:")[1].split()[0]) / 2**20
 
 
 def processor_seconds() -> float:
