@@ -205,21 +205,27 @@ def fill_gaps(edited: EditedSeams, drawn: Sequence[Seam]) -> EditedSeams:
     """
     taken = shapely.union_all([seam.area for seam in edited.seams])
     parts = {seam.photo_id: seam for seam in edited.seams}
-    gaps = 0.0
+    gaps: list[Polygon] = []
     for seam in drawn:
         left = only_polygons(seam.area.difference(taken))
         if left.is_empty:
             continue
-        gaps += left.area
+        gaps.extend(shapely.get_parts(left))
         own = parts.get(seam.photo_id)
         whole = left if own is None else only_polygons(own.area.union(left))
         date = seam.date if own is None else own.date
         parts[seam.photo_id] = Seam(seam.photo_id, date, whole)
     notes = edited.notes
-    if gaps > LEAST_TOLD_M2:
+    area = sum(part.area for part in gaps)
+    if area > LEAST_TOLD_M2:
+        largest = max(gaps, key=lambda part: part.area)
+        place = largest.representative_point()
         told = say(
-            "Edited seams left {area:.0f} m² open; the photo with the nearest nadir shows them.",
-            area=gaps,
+            "Edited seams left {area:.0f} m² open, the largest part about E {east:.0f} "
+            "N {north:.0f}; the photo with the nearest nadir shows it.",
+            area=area,
+            east=place.x,
+            north=place.y,
         )
         notes = (*notes, told)
     return EditedSeams(tuple(parts.values()), notes)

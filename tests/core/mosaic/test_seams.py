@@ -173,7 +173,7 @@ def test_gaps_are_filled_and_told__truth(tmp_path):
     drawn = (Seam("a", "1938", box(0, 0, 50, 80)), Seam("b", "1938", box(50, 0, 100, 80)))
     filled = fill_gaps(read_edited(path, CRS, NAMES), drawn)
     assert {seam.photo_id: seam.area.area for seam in filled.seams} == {"a": 4000, "b": 4000}
-    assert "4800 m² open" in filled.notes[0]
+    assert "4800 m² open, the largest part about E 500075 N 4100040;" in filled.notes[0]
     assert fill_gaps(EditedSeams(drawn, ()), drawn).notes == ()
 
 
