@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 from core.adjustment.adjusted import AdjustmentReport, CheckResult
 from core.arrays import ObjectPoints, Scalars
 from core.block import Measurement, Reading
-from core.geometry.robust import robust_sigma
+from core.geometry.robust import nmad
 from core.mosaic.comparison import (
     OUTLIER_RULE,
     MosaicAccuracy,
@@ -106,7 +106,7 @@ def plan_figures(differences: ObjectPoints) -> dict[str, Any]:
         "deviation": deviation.tolist(),
         "mean_significant": [_differs_from_nought(axis) for axis in plan.T],
         "median_shift": median.tolist(),
-        "nmad": [robust_sigma(axis) for axis in (plan - median).T],
+        "nmad": [nmad(axis) for axis in plan.T],
         "mean_length": float(lengths.mean()),
         "largest": float(lengths.max()),
         "circular_error_90": circular_error_90(m_p),

@@ -12,7 +12,7 @@ import shapely
 from app.report.accuracy import histogram
 from app.report.drawing import draw_misfit
 from app.report.plots import draw_histogram
-from core.geometry.robust import robust_sigma
+from core.geometry.robust import nmad
 from core.mosaic.fault_places import FaultPlace
 from core.mosaic.misfit_places import SURE, Misfit, MisfitPlace
 from core.mosaic.seam_fit import SeamFit
@@ -68,9 +68,7 @@ def misfit_figures(misfit: Misfit | None) -> Figures | None:
         "compared": len(found),
         "count": int(found.sum()),
         "ground_sample_distance_m": vectors.ground_sample_distance_m,
-        "nmad_m": [robust_sigma(axis - np.median(axis)) for axis in shifts.T]
-        if len(shifts)
-        else None,
+        "nmad_m": [nmad(axis) for axis in shifts.T] if len(shifts) else None,
         "median_m": np.median(shifts, axis=0).tolist() if len(shifts) else None,
         "predicted_m": np.nanmedian(vectors.predicted_sigmas_m[found], axis=0).tolist()
         if np.isfinite(vectors.predicted[found]).any()

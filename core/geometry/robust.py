@@ -25,12 +25,14 @@ SETTLED = 1e-7  # design: a solution changes less than its weights do.
 
 
 def robust_sigma(residuals: Num[np.ndarray, "..."]) -> float:
-    """Standard deviation of finite residuals about nought by their median; 0 where none is.
-
-    For the spread about the median, pass the values less their median.
-    """
+    """Standard deviation of finite residuals about nought by their median; 0 where none is."""
     sound = np.abs(residuals[np.isfinite(residuals)])
     return MAD_TO_SIGMA * float(np.median(sound)) if sound.size else 0.0
+
+
+def nmad(values: Scalars) -> float:
+    """Normalised median absolute deviation: a robust standard deviation about the median."""
+    return robust_sigma(values - np.median(values))
 
 
 def huber_weights(standardised: Scalars, limit: float) -> Scalars:

@@ -20,7 +20,7 @@ from scipy.spatial import KDTree
 from core.arrays import Flags, Mask, Scalars, locked
 from core.errors import CrsError, ReferenceDataError
 from core.geometry.crs import shared_bounds
-from core.geometry.robust import robust_sigma
+from core.geometry.robust import nmad, robust_sigma
 from core.matching.peaks import correlation_scores, highest_places
 from core.progress import SILENT, Progress
 from core.quality.readings import circular_error_90, rms_interval
@@ -416,7 +416,6 @@ def _summary(places: ComparedPlaces, grid: Grid) -> MosaicAccuracy:
     n = len(errors)
     m_x, m_y = (float(value) for value in np.sqrt(np.mean(errors**2, axis=0)))
     m_p = float(np.hypot(m_x, m_y))
-    median = np.median(errors, axis=0)
     refused = [verdict for verdict in places.verdicts if verdict != "used"]
     return MosaicAccuracy(
         n=n,
@@ -426,8 +425,8 @@ def _summary(places: ComparedPlaces, grid: Grid) -> MosaicAccuracy:
         m_p_interval=rms_interval(m_p, 2 * n),
         mean_shift=_pair(errors.mean(axis=0)),
         deviation=_pair(errors.std(axis=0, ddof=1) if n > 1 else np.full(2, np.nan)),
-        median_shift=_pair(median),
-        nmad=_pair(np.array([robust_sigma(axis) for axis in (errors - median).T])),
+        median_shift=_pair(np.median(errors, axis=0)),
+        nmad=_pair(np.array([nmad(axis) for axis in errors.T])),
         largest=float(np.linalg.norm(errors, axis=1).max()),
         m_p_with_mismatches=float(np.sqrt(np.mean(np.sum(with_mismatches**2, axis=1)))),
         refused={reason: refused.count(reason) for reason in sorted(set(refused))},

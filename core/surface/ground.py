@@ -18,20 +18,19 @@ from rasterio.enums import Resampling
 from core.arrays import Mask, Matrix, Scalars, locked
 from core.frames import HALF_PIXEL
 from core.geometry.crs import Bounds
+from core.geometry.robust import huber_weights, nmad, solve_robustly
 from core.orthos.rectification import COMPRESSION_LEVEL
 from core.orthos.scan_places import Heights
 from core.raster.dem import HeightSource
 from core.raster.grid import Grid, tell_full_disk, tiled_profile
 from core.surface.rectified import Picture
 
-# source: Huber 1981, k; and the factor from a median deviation to a standard deviation
-HUBER, MAD = 1.345, 1.4826
-# design: converged to a hundredth of the scatter.
-ROUNDS = 15
-"""Steps of the robust fit at most."""
+# source: Huber 1981, k for 95 % efficiency on normal errors
+HUBER = 1.345
+ROUNDS = 15  # design: it settles before.
+"""Passes of the robust fit at most."""
 # source: cartographic convention: light from the north-west, 45 degrees high
 SUN_AZIMUTH_DEG, SUN_HEIGHT_DEG = 315.0, 45.0
-NOTHING = 1e-6  # design: no division by nought.
 TERMS = 4  # source: definition of the trend
 """Shift, tilt to the east and to the north, and bowl."""
 
@@ -332,26 +331,20 @@ def fit_trend(
     if len(differences) < 10 * TERMS:
         return SystematicPart(bounds, np.zeros(TERMS), float("nan"), len(differences))
     design = _design(plan, bounds)
-    found = np.zeros(TERMS)
-    found[0] = np.median(differences)
-    residuals = differences - design @ found
-    for _ in range(ROUNDS):
-        scale = max(nmad(residuals), NOTHING)
-        # Huber's weights squared: what is far off counts for nothing much.
-        weight = np.minimum(1, HUBER * scale / np.maximum(np.abs(residuals), NOTHING)) ** 2
-        side = design * weight[:, None]
-        step = np.linalg.lstsq(side.T @ design, side.T @ residuals, rcond=None)[0]
-        found = found + step
-        residuals = differences - design @ found
-        # design: a hundredth of the scatter changes nothing.
-        if np.max(np.abs(step)) < 0.01 * scale:
-            break
-    return SystematicPart(bounds, found, nmad(residuals), len(differences))
 
+    def solve(weights: Scalars) -> tuple[Float64[np.ndarray, "4"], Scalars]:
+        side = design * weights[:, None]
+        found = np.linalg.lstsq(side.T @ design, side.T @ differences, rcond=None)[0]
+        return found, np.abs(differences - design @ found)
 
-def nmad(values: Scalars) -> float:
-    """Normalised median absolute deviation: the standard deviation of normal errors."""
-    return float(MAD * np.median(np.abs(values - np.median(values))))
+    found = solve_robustly(
+        solve,
+        np.abs(differences - np.median(differences)),
+        # Squared: what is far off counts for nothing much.
+        lambda lengths: huber_weights(lengths, HUBER) ** 2,
+        passes=ROUNDS,
+    )
+    return SystematicPart(bounds, found, nmad(differences - design @ found), len(differences))
 
 
 def _design(plan: Float64[np.ndarray, "n 2"], bounds: Bounds) -> Float64[np.ndarray, "n 4"]:

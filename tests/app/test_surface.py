@@ -24,9 +24,9 @@ from app.surface import (
     surface_line,
 )
 from core.doubts import Failure
+from core.geometry.robust import nmad
 from core.progress import Work
 from core.raster.dem import open_dem
-from core.surface.ground import nmad
 from core.surface.stage import SurfaceFiles, SurfaceOptions
 from sessions.session import Session
 from tests.app.test_run import Listener

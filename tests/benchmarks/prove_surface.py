@@ -26,10 +26,10 @@ import core.surface.stage as stage
 from app.project import described, read_project
 from app.surface import surface_line, usable_parts
 from core.doubts import Failure
+from core.geometry.robust import nmad
 from core.matching.reference import open_heights
 from core.progress import Work
 from core.raster.dem import open_dem
-from core.surface.ground import nmad
 from core.surface.matching import Parallaxes
 from core.surface.rectified import RectifiedPair
 from core.surface.stage import SurfaceFiles, SurfaceOptions, SurfaceProduct, make_surface

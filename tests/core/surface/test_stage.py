@@ -8,8 +8,8 @@ import rasterio
 from scipy import ndimage
 
 from core.doubts import Failure
+from core.geometry.robust import nmad
 from core.progress import Work
-from core.surface.ground import nmad
 from core.surface.stage import SurfaceFiles, SurfaceOptions, make_surface
 from tests.surface_scene import SurfacePlan, make_scene
 
