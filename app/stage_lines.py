@@ -15,7 +15,7 @@ from core.quality.rules import human_findings
 from core.results import StageResults
 from core.said import Said, say
 
-ABOUT_REFERENCE = ("dem-coverage", "dem-holes", "ortho-coverage")
+ABOUT_REFERENCE = ("dem-coverage", "dem-holes", "dem-noughts", "ortho-coverage")
 """Doubts that are told as soon as they are known: their remedy is another reference, and a run on
 this one takes minutes."""
 

@@ -17,6 +17,7 @@ GRAVITY: Mapping[str, float] = {
     "point-behind-camera": 0.8,
     "scan-set-aside": 0.8,
     "control-flat": 0.7,
+    "dem-noughts": 0.7,
     "fiducials-corrected": 0.7,
     "heights": 0.7,
     "same-photo": 0.7,

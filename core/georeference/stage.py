@@ -3,9 +3,10 @@
 A reference that covers too little of the block is reported here.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
@@ -30,7 +31,7 @@ from core.matching.reference import Reference, ReferenceFiles, open_reference
 from core.progress import Work
 from core.raster.dem import LARGEST_GAP_PX, Dem
 from core.raster.grid import Grid
-from core.raster.holes import find_height_holes
+from core.raster.holes import Hole, find_height_holes, find_noughts
 from core.raster.ortho import LEAST_COVERAGE, Ortho
 from core.raster.sheets import block_outline
 from core.said import say
@@ -248,7 +249,7 @@ def check_coverage(dem: Dem, ortho: Ortho, bounds: Bounds) -> tuple[Doubt, ...]:
 
 
 def check_dem_holes(dem: Dem, block: Block) -> tuple[Doubt, ...]:
-    """A doubt about ground under the photos of which the DEM has no height.
+    """Doubts about ground under the photos of which the DEM has no height, or says nought instead.
 
     Args:
         dem: Terrain.
@@ -256,27 +257,46 @@ def check_dem_holes(dem: Dem, block: Block) -> tuple[Doubt, ...]:
     """
     outlines = [footprint(photo, block.camera_of(name)) for name, photo in block.photos.items()]
     ground = shapely.union_all([outline.buffer(0) for outline in outlines])
-    holes = find_height_holes(dem, ground)
-    if not holes:
-        return ()
+    doubts: list[Doubt] = []
+    if holes := find_height_holes(dem, ground):
+        file, told, evidence = _told(dem, holes)
+        message = say(
+            "{name} has no heights in {count:# place|# places} under the photos, {area:,.0f} m² "
+            "together; the largest, {largest:,.0f} m², is about E {east:.0f} N {north:.0f}. "
+            "Nothing is put there: orthos and mosaic stay empty, and no control is taken. Add a "
+            "DEM that has heights there to [reference] dem, a coarser one too: it fills what the "
+            "finer leaves open. Gaps of at most {closed} cells are closed from their rim.",
+            closed=LARGEST_GAP_PX,
+            **told,
+        )
+        doubts.append(Doubt("dem-holes", file, message, evidence=evidence))
+    if noughts := find_noughts(dem, ground):
+        file, told, evidence = _told(dem, noughts)
+        message = say(
+            "{name} says 0 m between steep walls in {count:# place|# places} under the photos, "
+            "{area:,.0f} m² together; the largest, {largest:,.0f} m², is about E {east:.0f} "
+            "N {north:.0f}. That looks like heights that are not known: orthos will be displaced "
+            "there. Declare it: gdal_edit.py -a_nodata 0 FILE.",
+            **told,
+        )
+        doubts.append(Doubt("dem-noughts", file, message, evidence=evidence))
+    return tuple(doubts)
+
+
+def _told(dem: Dem, holes: Sequence[Hole]) -> tuple[str, dict[str, Any], dict[str, Any]]:
+    """The file of the largest of some holes, what a sentence says of all, and where they lie."""
     largest = holes[0]
     file = _file_at(dem, largest.east, largest.north)
-    message = say(
-        "{name} has no heights in {count:# place|# places} under the photos, {area:,.0f} m² "
-        "together; the largest, {largest:,.0f} m², is about E {east:.0f} N {north:.0f}. Nothing "
-        "is put there: orthos and mosaic stay empty, and no control is taken. Add a DEM that has "
-        "heights there to [reference] dem, a coarser one too: it fills what the finer leaves open. "
-        "Gaps of at most {closed} cells are closed from their rim.",
-        name=Path(file).name,
-        count=len(holes),
-        area=sum(hole.area_m2 for hole in holes),
-        largest=largest.area_m2,
-        east=largest.east,
-        north=largest.north,
-        closed=LARGEST_GAP_PX,
-    )
-    evidence = [(hole.east, hole.north, hole.area_m2) for hole in holes[:HOLES_TOLD]]
-    return (Doubt("dem-holes", file, message, evidence={"holes": evidence}),)
+    told = {
+        "name": Path(file).name,
+        "count": len(holes),
+        "area": sum(hole.area_m2 for hole in holes),
+        "largest": largest.area_m2,
+        "east": largest.east,
+        "north": largest.north,
+    }
+    places = [(hole.east, hole.north, hole.area_m2) for hole in holes[:HOLES_TOLD]]
+    return file, told, {"holes": places}
 
 
 def _file_at(dem: Dem, east: float, north: float) -> str:

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 import rasterio
-from jaxtyping import Int64
+from jaxtyping import Float32, Int64
 from shapely.geometry.base import BaseGeometry
 
 from core.arrays import Mask
@@ -22,6 +22,9 @@ LATTICE = 2048
 # design: a band of 64 MB at most on the widest mosaics.
 BAND_CELLS = 64
 """Rows of cells that are read at once."""
+# design: 63 degrees; no ground stands like that all around a place of ten cells and more.
+WALL = 2.0
+"""Rise over run of every edge of what a DEM has at exactly nought, that is then no height."""
 
 Counts = Int64[np.ndarray, "rows columns"]
 
@@ -101,22 +104,52 @@ def find_height_holes(dem: Dem, area: BaseGeometry) -> tuple[Hole, ...]:
         dem: Terrain.
         area: Ground that heights are needed for, in the block's CRS.
     """
-    west, south, east, north = shared_bounds(dem.bounds, area.bounds)
-    if area.is_empty or east <= west or north <= south:
+    found = _cells_within(dem, area)
+    if found is None:
         return ()
-    part = dem.cropped((west, south, east, north))
-    if part.window is not None:
-        grid, heights, closed = part.window.grid, part.window.heights, 0
-    else:
-        # Up to twice the pixel size heights are interpolated from pixels that are all held.
-        side = max(3, int(np.ceil(np.sqrt(part.grid.columns * part.grid.rows / HELD_PX))))
-        cell_m = side * dem.ground_sample_distance_m
-        grid = Grid(west, north, cell_m, int((east - west) / cell_m), int((north - south) / cell_m))
-        heights, closed = dem.on(grid), -(-LARGEST_GAP_PX // side)
+    grid, heights, closed = found
     unknown = np.isnan(heights)
     if not unknown.any():
         return ()
     return _parts_of(unknown & (burn([(area, 1)], grid, empty=0) == 1), grid, closed)
+
+
+def find_noughts(dem: Dem, area: BaseGeometry) -> tuple[Hole, ...]:
+    """Ground in an area to which a DEM gives exactly nought between walls, largest first.
+
+    So programs write what they do not know if they declare no nodata. The sea has no walls all
+    around. Arguments as of `find_height_holes`.
+    """
+    found = _cells_within(dem, area)
+    if found is None or not (found[1] == 0).any():
+        return ()
+    grid, heights, closed = found
+    count, numbers = cv2.connectedComponents((heights == 0).astype(np.uint8), connectivity=4)
+    rim = np.where((heights == 0) | np.isnan(heights), np.inf, heights).astype(np.float32)
+    lowest = cv2.erode(rim, np.ones((3, 3), np.uint8))
+    step = WALL * grid.ground_sample_distance_m
+    for number in range(1, count):
+        part = numbers == number
+        if not step < lowest[part].min() < np.inf:
+            numbers[part] = 0
+    return _parts_of((numbers > 0) & (burn([(area, 1)], grid, empty=0) == 1), grid, closed)
+
+
+def _cells_within(
+    dem: Dem, area: BaseGeometry
+) -> tuple[Grid, Float32[np.ndarray, "rows columns"], int] | None:
+    """Heights of cells about an area, and how many cells of a gap are closed; None outside."""
+    west, south, east, north = shared_bounds(dem.bounds, area.bounds)
+    if area.is_empty or east <= west or north <= south:
+        return None
+    part = dem.cropped((west, south, east, north))
+    if part.window is not None:
+        return part.window.grid, part.window.heights, 0
+    # Up to twice the pixel size heights are interpolated from pixels that are all held.
+    side = max(3, int(np.ceil(np.sqrt(part.grid.columns * part.grid.rows / HELD_PX))))
+    cell_m = side * dem.ground_sample_distance_m
+    grid = Grid(west, north, cell_m, int((east - west) / cell_m), int((north - south) / cell_m))
+    return grid, dem.on(grid).astype(np.float32), -(-LARGEST_GAP_PX // side)
 
 
 def _parts_of(missing: Mask, grid: Grid, closed: int) -> tuple[Hole, ...]:

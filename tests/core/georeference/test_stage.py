@@ -137,3 +137,9 @@ def test_holes_of_the_dem_under_the_photos_are_told_with_size_and_place__truth(
     assert told in str(doubt.message)
     there = f"about E {at_east:.0f} N {at_north:.0f}".replace("-", "\N{MINUS SIGN}")
     assert there in str(doubt.message)
+    heights[heights == -9999] = 0
+    with rasterio.open(holed, "w", **(profile | {"nodata": None})) as file:
+        file.write(heights, 1)
+    found = georeference(replace(given, reference=files), scan_set)
+    (doubt,) = (doubt for doubt in found.doubts if doubt.kind == "dem-noughts")
+    assert doubt.evidence["holes"][0] == pytest.approx((*middle, area))

@@ -9,7 +9,7 @@ from shapely.geometry import box
 from core.raster import dem as dem_module
 from core.raster import holes as holes_module
 from core.raster.dem import open_dem
-from core.raster.holes import LATTICE, find_height_holes, find_holes
+from core.raster.holes import LATTICE, find_height_holes, find_holes, find_noughts
 from tests.core.raster_files import CRS, place, write_raster
 from tests.core.raster_files import NORTH as TOP
 from tests.core.raster_files import WEST as LEFT
@@ -94,6 +94,24 @@ def test_a_coarser_dem_fills_what_the_finer_leaves_open__truth(holed, tmp_path):
     dem = open_dem(both, CRS)
     assert find_height_holes(dem, GROUND) == ()
     assert dem.heights(np.array([[LEFT + 440.0, TOP - 230.0]])) == pytest.approx(249)
+
+
+def test_noughts_between_walls_are_no_heights_and_the_sea_is_one__truth(tmp_path):
+    columns = np.tile(np.arange(400, dtype=np.float32), (300, 1))
+    # A coast: land rises from the sea, one cell in twenty, cliffs of 40 m behind a bay.
+    heights = np.maximum(0, (columns - 100) / 10)
+    heights[:40, 150:] += 40
+    heights[20:40, 100:250] = 0
+    assert (
+        find_noughts(open_dem(write_raster(tmp_path / "sea.tif", heights, place(2.0)), CRS), GROUND)
+        == ()
+    )
+    heights[150:180, 200:240] = 0
+    (hole,) = find_noughts(
+        open_dem(write_raster(tmp_path / "dem.tif", heights, place(2.0)), CRS), GROUND
+    )
+    assert hole.area_m2 == 30 * 40 * 4
+    assert (hole.east, hole.north) == pytest.approx((LEFT + 440, TOP - 330))
 
 
 def test_photos_beside_a_dem_leave_no_hole_in_it__truth(holed):
