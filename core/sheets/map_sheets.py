@@ -11,8 +11,9 @@ north-east corner of a sheet, from the table here or from the user.
 """
 
 import re
+import unicodedata
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,6 +74,8 @@ SM50_CORNERS: Mapping[str, Corner] = {
 }
 """Corners of the sheets whose letters are known."""
 LETTERS = re.compile(r"[A-Z]{4}")
+NOT_IN_FILES = re.compile(r"[^\w.-]+")
+"""What names of files do without, on any disk."""
 ROUNDING_M = 1e-6  # design: metres of a million in double precision.
 """A place nearer than this to an edge lies on it."""
 
@@ -141,21 +144,30 @@ def _index_layer(path: Path, layers: list[VectorLayer]) -> VectorLayer:
     return named[0]
 
 
-def refuse_twins(path: Path, names: list[str]) -> None:
-    """Raise where two sheets bear one name, letters of either case being the same to a disk.
+def file_stem(name: str) -> str:
+    """A name as files bear it: without accents, other scripts as they are, no blank or stroke."""
+    plain = "".join(
+        unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode() or sign
+        for sign in unicodedata.normalize("NFC", name)
+    )
+    return NOT_IN_FILES.sub("_", plain).strip("._") or "sheet"
+
+
+def refuse_twins(path: Path, names: Sequence[str]) -> None:
+    """Raise where two sheets would have one file, letters of either case being one to a disk.
 
     Raises:
-        ReferenceDataError: Names stand twice.
+        ReferenceDataError: Names are one as names of files.
     """
-    twins = [name for name, count in Counter(map(str.casefold, names)).items() if count > 1]
+    stems = [file_stem(name).casefold() for name in names]
+    counts = Counter(stems)
+    twins = [name for name, stem in zip(names, stems, strict=True) if counts[stem] > 1]
     if twins:
-        told = sorted(name for name in set(names) if name.casefold() in twins)
         raise ReferenceDataError(
             path,
-            "{count:# name stands|# names stand} for more than one sheet: {names}.",
+            "sheets would have the same file, because their names are alike: {names}.",
             "Give every sheet a name of its own, or join its parts into one polygon.",
-            count=len(twins),
-            names=told[:SHOWN_NAMES],
+            names=sorted(twins)[:SHOWN_NAMES],
         )
 
 

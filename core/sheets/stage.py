@@ -4,8 +4,6 @@ Every file is whole or not there, and is made again only where its pixels, or wh
 have changed: who keeps files and knows what they were made from is handed in.
 """
 
-import re
-import unicodedata
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
@@ -40,12 +38,10 @@ from core.sheets.delivery import (
     write_index,
     write_items,
 )
-from core.sheets.map_sheets import MapSheet, refuse_twins
+from core.sheets.map_sheets import MapSheet, file_stem, refuse_twins
 from core.sheets.pixels import TargetSystem, own_system, target_system
 
 VERSION = 1  # design: counted up when the same pixels give another file than before.
-NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.-]+")
-"""What file names do without, on any disk and in any address."""
 LOSSY_PERCENT = 10.0  # design: a tenth shows no loss at 1:1; lossless takes about half.
 """Size of a lossy file, in hundredths of the uncompressed one."""
 
@@ -203,8 +199,7 @@ class _Work:
 
     def stem(self, shown: _Shown) -> str:
         """Name of a sheet's files without suffix: PPPPHH.RRRR.MMMMLL, or that of the sheet."""
-        plain = unicodedata.normalize("NFKD", shown.sheet.name).encode("ascii", "ignore").decode()
-        plain = NOT_IN_NAMES.sub("_", plain).strip("._") or "sheet"
+        plain = file_stem(shown.sheet.name)
         options = self.options
         if not options.product:
             return plain
@@ -226,7 +221,9 @@ class _Work:
         """
         found: list[tuple[TargetSystem, Form, str]] = []
         for system in self.systems:
-            words = [] if system is self.systems[0] else [NOT_IN_NAMES.sub("-", system.crs)[:40]]
+            words = (
+                [] if system is self.systems[0] else [file_stem(system.crs.replace(":", "-"))[:40]]
+            )
             suffixes: set[str] = set()
             for form in self.options.formats:
                 again = SUFFIXES[form] in suffixes

@@ -211,7 +211,7 @@ def test_settings_that_cannot_be_are_refused_with_their_line__truth(
 def test_an_index_is_judged_before_anything_is_computed__truth(folder: Path) -> None:
     (folder / "klad.gpkg").unlink()
     write(folder / "klad.gpkg", list(AROUND_A_CORNER.values()), name=["a", "b", "b", "c"])
-    with pytest.raises(ReferenceDataError, match="stands for more than one sheet: b"):
+    with pytest.raises(ReferenceDataError, match="names are alike: b, b"):
         check_sheets(project_in(folder))
 
 

@@ -15,6 +15,7 @@ from core.errors import CrsError, ReferenceDataError
 from core.geometry.crs import operation_between
 from core.sheets.map_sheets import (
     SM50_CORNERS,
+    file_stem,
     read_sheet_index,
     state_map_bounds,
     state_map_name,
@@ -81,10 +82,21 @@ def test_sheets_without_a_name_are_counted__truth(tmp_path: Path) -> None:
 def test_names_that_stand_twice_are_told__truth(tmp_path: Path) -> None:
     """Upper and lower case are one file on many disks."""
     path = write(tmp_path / "i.gpkg", AREAS, name=["HUST25", "hust25"])
-    with pytest.raises(
-        ReferenceDataError, match=r"1 name stands for more than one.*HUST25, hust25"
-    ):
+    with pytest.raises(ReferenceDataError, match=r"names are alike: HUST25, hust25"):
         read_sheet_index(path, "EPSG:5514")
+
+
+def test_names_that_are_one_as_files_are_told_as_they_stand__truth(tmp_path: Path) -> None:
+    path = write(tmp_path / "i.gpkg", AREAS, name=["a/b", "a:b"])
+    with pytest.raises(ReferenceDataError, match=r"names are alike: a/b, a:b"):
+        read_sheet_index(path, "EPSG:5514")
+
+
+def test_other_scripts_stay_in_names_of_files__truth(tmp_path: Path) -> None:
+    path = write(tmp_path / "i.gpkg", AREAS, name=["Вовча", "Новий лист"])
+    found = read_sheet_index(path, "EPSG:5514")
+    assert [file_stem(sheet.name) for sheet in found] == ["Вовча", "Новий_лист"]
+    assert file_stem("Hustopec\u030ce 2-5") == "Hustopece_2-5"
 
 
 def test_an_index_without_the_attribute_tells_what_it_has__truth(tmp_path: Path) -> None:

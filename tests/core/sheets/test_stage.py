@@ -135,7 +135,7 @@ def test_accents_and_spaces_do_not_come_into_names_of_files__truth(
 
 def test_names_that_are_one_on_disk_are_refused__truth(mosaic: Path, tmp_path: Path) -> None:
     twins = (MapSheet("a/b", SHEETS[0].area), MapSheet("a b", SHEETS[1].area))
-    with pytest.raises(ReferenceDataError, match="1 name stands for more than one sheet: a_b"):
+    with pytest.raises(ReferenceDataError, match="names are alike: a_b, a_b"):
         deliver(mosaic, Kept(tmp_path / "s"), twins)
 
 
