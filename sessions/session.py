@@ -15,6 +15,7 @@ from core.block import Block
 from core.errors import StorageError
 from core.geometry.camera import Camera
 from core.mosaic.misfit_places import Misfit
+from core.raster.files import FILES
 from core.said import say
 from sessions.atomic_write import clean_leftovers
 from sessions.checks import with_free_number
@@ -85,6 +86,7 @@ class Session:
         for made in (folder / HIDDEN / "products", folder / RESULTS):
             with explain_disk_errors(made):
                 made.mkdir(parents=True, exist_ok=True)
+        FILES.web_folder = folder / HIDDEN / "web"
         store = Store.open(folder / FILE)
         for tended in (folder / HIDDEN, folder / RESULTS):
             clean_leftovers(tended)

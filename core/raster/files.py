@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
 from typing import Any, Protocol, TypeVar, cast, runtime_checkable
+from xml.sax.saxutils import escape
 
 import numpy as np
 import rasterio
@@ -31,6 +32,11 @@ OPEN_FILES = 32
 # itself GDAL takes a twentieth of the machine's memory.
 GDAL_BYTES = 128_000_000
 """Most that GDAL keeps of the blocks of open files, bytes."""
+WEB_MAPS = ("GDAL_WMS", "GDAL_WMTS")
+"""Roots of the XML in which GDAL describes maps of a server."""
+# design: the tiles of a block of a thousand square kilometres at half a metre, and a year's work.
+WEB_BYTES, WEB_SECONDS = 4_000_000_000, 31_536_000
+"""How much of such maps is kept on disk, and for how long."""
 
 
 @runtime_checkable
@@ -126,6 +132,8 @@ class OpenFiles:
 
     def __init__(self, most: int) -> None:
         self.most = most
+        self.web_folder: Path | None = None
+        """Where tiles of web maps are kept; None where they are fetched each time."""
         self._idle: list[tuple[Hashable, Any]] = []
         self._lock = Lock()
 
@@ -145,7 +153,7 @@ class OpenFiles:
             match = next((i for i, (held, _) in enumerate(self._idle) if held == key), None)
             dataset = None if match is None else self._idle.pop(match)[1]
         if dataset is None:
-            dataset = open_plain(path, options)
+            dataset = open_plain(_with_cache(path, self.web_folder), options)
         try:
             yield dataset
         except BaseException:
@@ -159,7 +167,27 @@ class OpenFiles:
             dataset.close()
 
 
-def open_plain(path: Path, options: Mapping[str, Any]) -> Any:
+def web_map_of(path: Path) -> str:
+    """The XML of a file by which GDAL describes a web map; empty for any other file."""
+    if path.suffix.lower() != ".xml":
+        return ""
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return text if text.lstrip("\ufeff \t\r\n").startswith(tuple(f"<{r}" for r in WEB_MAPS)) else ""
+
+
+def _with_cache(path: Path, folder: Path | None) -> Path | str:
+    """What GDAL opens: the file, or a web map's description that says where tiles are kept."""
+    text = web_map_of(path) if folder else ""
+    if not text or "<Cache" in text:
+        return path
+    end = text.rindex("</")
+    return (
+        f"{text[:end]}<Cache><Path>{escape(str(folder))}</Path><MaxSize>{WEB_BYTES}</MaxSize>"
+        f"<Expires>{WEB_SECONDS}</Expires></Cache>{text[end:]}"
+    )
+
+
+def open_plain(path: Path | str, options: Mapping[str, Any]) -> Any:
     """A file newly open; that it may lie nowhere on the ground is its reader's business."""
     # Python's warning filters belong to all threads, so only one may put them aside at a time.
     with OPENING, warnings.catch_warnings():

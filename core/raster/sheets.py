@@ -1,6 +1,7 @@
 """Reference sheets: one raster file each, inspected once for kind, place and resolution."""
 
 import os
+import re
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -29,7 +30,7 @@ from core.geometry.crs import (
     read_crs,
     same_coordinates,
 )
-from core.raster.files import FILES, Stamp, file_stamp
+from core.raster.files import FILES, Stamp, file_stamp, web_map_of
 from core.said import say
 
 SheetKind = Literal["ortho", "DEM"]
@@ -163,27 +164,42 @@ def sheet_file(path: str | Path, **options: str) -> Generator[Any]:
         try:
             file = stack.enter_context(FILES.borrow(Path(path), **options))
         except (RasterioError, OSError) as error:
-            cause, remedy = _cause_and_remedy(Path(path))
-            raise ReferenceDataError(path, cause, remedy) from error
+            raise ReferenceDataError(path, *_cause_and_remedy(Path(path), error)) from error
         try:
             yield file
         except RasterioError as error:
             raise ReferenceDataError(
                 path,
-                "the file is damaged or cut off: GDAL cannot read its pixels.",
-                "Copy it again from its source.",
+                *_web_cause(Path(path), error)
+                or (
+                    "the file is damaged or cut off: GDAL cannot read its pixels.",
+                    "Copy it again from its source.",
+                ),
             ) from error
 
 
-def _cause_and_remedy(path: Path) -> tuple[str, str]:
+def _cause_and_remedy(path: Path, error: Exception) -> tuple[str, str]:
     """Cause and remedy of a file that GDAL does not open."""
     if not path.exists():
         return "the file is not there.", "Correct the path under [reference]."
     if not os.access(path, os.R_OK):
         return "the file may not be read.", "Give yourself the right to read it."
-    return (
+    return _web_cause(path, error) or (
         "the file cannot be read as a raster: GDAL does not know what it is.",
         "Copy it again from its source, or take it out of [reference].",
+    )
+
+
+def _web_cause(path: Path, error: Exception) -> tuple[str, str] | None:
+    """Cause and remedy where the file describes a web map; None for any other file."""
+    if not web_map_of(path):
+        return None
+    told = str(error.__cause__ or error)
+    answer = re.search(r"HTTP status code: .*", told)
+    return (
+        say("the server that it describes gives no picture: {why}", why=(answer or [told])[0]),
+        "Check its address and the network, or save what lies under the block as a GeoTIFF, for "
+        "example with gdal_translate.",
     )
 
 
@@ -192,7 +208,7 @@ def open_sheet(path: str | Path, crs: CRS, what: SheetKind) -> Sheet:
     try:
         stamp = file_stamp(Path(path))
     except OSError as error:
-        raise ReferenceDataError(path, *_cause_and_remedy(Path(path))) from error
+        raise ReferenceDataError(path, *_cause_and_remedy(Path(path), error)) from error
     return _sheet(str(path), stamp, crs.to_wkt(), what)
 
 

@@ -2,7 +2,11 @@
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
+from urllib.parse import parse_qs, urlsplit
 
+import cv2
 import numpy as np
 import pytest
 import rasterio
@@ -11,7 +15,7 @@ from rasterio.transform import Affine
 from rasterio.warp import reproject
 
 from core.errors import CrsError, ReferenceDataError
-from core.raster.files import TILES
+from core.raster.files import FILES, TILES, OpenFiles
 from core.raster.grid import Grid
 from core.raster.ortho import open_ortho
 from tests.core.raster_files import CRS, NORTH, WEST, place, smooth_picture, write_raster
@@ -276,3 +280,74 @@ def test_a_sheet_that_changes_is_read_anew__truth(tmp_path, texture):
     write_raster(path, 255 - texture, place(0.2))
     after = open_ortho([path], CRS).read(grid)
     np.testing.assert_allclose(after.values, 255 - before.values, atol=1e-3)
+
+
+class MapServer(ThreadingHTTPServer):
+    """Answers WMS 1.1.1 GetMap with a picture of 0.2 m; remembers what it was asked."""
+
+    def __init__(self, picture):
+        self.picture, self.asked = np.pad(picture, (0, 256)), list[str]()
+        super().__init__(("127.0.0.1", 0), MapRequest)
+
+
+class MapRequest(BaseHTTPRequestHandler):
+    def do_GET(self):
+        self.server.asked.append(self.path)
+        given = {k.lower(): v[0] for k, v in parse_qs(urlsplit(self.path).query).items()}
+        west, _, _, north = map(float, given["bbox"].split(","))
+        column, row = round((west - WEST) / 0.2), round((NORTH - north) / 0.2)
+        band = self.server.picture[
+            row : row + int(given["height"]), column : column + int(given["width"])
+        ]
+        picture = cv2.imencode(".png", np.repeat(band[..., None], 3, 2))[1].tobytes()
+        self.send_response(200)
+        self.send_header("Content-Type", "image/png")
+        self.send_header("Content-Length", str(len(picture)))
+        self.end_headers()
+        self.wfile.write(picture)
+
+    def log_message(self, format, *args):
+        """Not in the output of tests."""
+
+
+DESCRIPTION = (
+    '<GDAL_WMS><Service name="WMS"><Version>1.1.1</Version><ServerUrl>http://127.0.0.1:{port}/?'
+    "</ServerUrl><Layers>ortho</Layers><SRS>{crs}</SRS><ImageFormat>image/png</ImageFormat>"
+    "</Service><DataWindow><UpperLeftX>{west}</UpperLeftX><UpperLeftY>{north}</UpperLeftY>"
+    "<LowerRightX>{east}</LowerRightX><LowerRightY>{south}</LowerRightY><SizeX>{columns}</SizeX>"
+    "<SizeY>{rows}</SizeY></DataWindow><Projection>{crs}</Projection><BlockSizeX>256</BlockSizeX>"
+    "<BlockSizeY>256</BlockSizeY><BandsCount>3</BandsCount></GDAL_WMS>"
+)
+
+
+def test_a_web_map_is_read_as_its_picture_and_kept__oracle(tmp_path, texture, monkeypatch):
+    path = write_raster(tmp_path / "a.tif", texture, place(0.2))
+    rows, columns = texture.shape
+    server = MapServer(texture)
+    Thread(target=server.serve_forever, daemon=True).start()
+    described = tmp_path / "web.xml"
+    corner = {"west": WEST, "north": NORTH, "east": WEST + 0.2 * columns}
+    described.write_text(
+        DESCRIPTION.format(
+            port=server.server_address[1], crs=CRS, rows=rows, columns=columns,
+            south=NORTH - 0.2 * rows, **corner,
+        )
+    )  # fmt: skip
+    monkeypatch.setattr(FILES, "web_folder", tmp_path / "kept")
+    grid = Grid(WEST + 10.03, NORTH - 9.07, 0.31, 90, 70)
+    shown = open_ortho([described], CRS).read(grid)
+    np.testing.assert_allclose(shown.values, open_ortho([path], CRS).read(grid).values, atol=0.6)
+    asked = len(server.asked)
+    assert asked == len(set(server.asked)) > 0
+    server.shutdown()
+    server.server_close()
+    again = OpenFiles(1)
+    again.web_folder = FILES.web_folder
+    TILES.clear()
+    with again.borrow(described) as file:
+        kept = file.read(1, window=((0, 256), (0, 256)))
+    np.testing.assert_array_equal(kept, texture[:256, :256])
+    lost = tmp_path / "lost.xml"
+    lost.write_text(described.read_text().replace("<Layers>ortho", "<Layers>other"))
+    with pytest.raises(ReferenceDataError, match=r"gives no picture: HTTP status code.*connect"):
+        open_ortho([lost], CRS).read(grid)
