@@ -34,7 +34,7 @@ CLASSES, CORRECTIONS = "ground.tif", "ground_correction.tif"
 CLOUD, CONTOURS = "surface.copc.laz", "surface_contours.gpkg"
 # design: shares of the bar on the screen; nothing is computed from them.
 MATCHED, CLOUDED = 0.9, 0.5
-VERSION = 3
+VERSION = 4
 """Counted up when the same inputs give another surface than before."""
 CLOUD_VERSION = CONTOURS_VERSION = 1
 """The same of the point cloud and the contour lines of the same surface."""

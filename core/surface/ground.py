@@ -14,6 +14,7 @@ import numpy as np
 import rasterio
 from jaxtyping import Float64, UInt8
 from rasterio.enums import Resampling
+from scipy.ndimage import gaussian_filter
 
 from core.arrays import Mask, Matrix, Scalars, locked
 from core.frames import HALF_PIXEL
@@ -22,7 +23,7 @@ from core.geometry.robust import huber_weights, nmad, solve_robustly
 from core.orthos.rectification import COMPRESSION_LEVEL
 from core.orthos.scan_places import Heights
 from core.raster.dem import HeightSource
-from core.raster.grid import Grid, tell_full_disk, tiled_profile
+from core.raster.grid import Grid, Tile, tell_full_disk, tiled_profile, window_of
 from core.surface.rectified import Picture
 
 # source: Huber 1981, k for 95 % efficiency on normal errors
@@ -91,6 +92,15 @@ EDGE_CELLS = 6
 """Changed ground is followed so far beyond its limit."""
 # source: OpenCV, remap takes no more than 32767 places in a row
 ROW = 8192
+# design: single cells show their errors, not the ground; the slopes of hills stay.
+SMOOTH_CELLS = 3.0
+"""Standard deviation of the smoothing before lines and relief are drawn, cells."""
+# design: beyond three deviations a Gaussian weighs nothing that a line would show.
+MARGIN_CELLS = 10
+"""Cells read around each tile, so that lines meet at its edges."""
+# design: half of what was smoothed away is missing: there a height is a guess.
+LEAST_SMOOTHED = 0.5
+"""Weight of known cells in a smoothed one, at least."""
 NODATA_M = -9999.0  # source: the value that GIS programs use for heights without data
 """Of heights that are not known."""
 
@@ -355,7 +365,7 @@ def _design(plan: Float64[np.ndarray, "n 2"], bounds: Bounds) -> Float64[np.ndar
     return np.column_stack([np.ones(len(plan)), x, y, x**2 + y**2])
 
 
-def hillshade(heights: Picture, cell_m: float) -> UInt8[np.ndarray, "rows columns"]:
+def hillshade(heights: Picture | Matrix, cell_m: float) -> UInt8[np.ndarray, "rows columns"]:
     """Relief under light from the north-west, 1 to 255; 0 in holes and beside them."""
     down, right = np.gradient(heights, cell_m)
     azimuth, high = np.radians([SUN_AZIMUTH_DEG, SUN_HEIGHT_DEG])
@@ -365,3 +375,41 @@ def hillshade(heights: Picture, cell_m: float) -> UInt8[np.ndarray, "rows column
     shown = 1 + 254 * np.clip(light, 0, 1)  # source: eight bits without nodata
     known = np.isfinite(light) & np.isfinite(heights)
     return np.where(known, shown, 0).astype(np.uint8)
+
+
+def read_smooth(surface: Any, tile: Tile, beyond: int = 0) -> Matrix:
+    """Heights of a tile and cells beyond it, each a weighted mean of the known ones about it.
+
+    Args:
+        surface: Open raster of heights, metres.
+        tile: Column, row, columns, rows.
+        beyond: Cells on each side that come with it.
+
+    Returns:
+        Metres; NaN in holes and beyond the raster.
+    """
+    column, row, columns, rows = tile
+    wide = MARGIN_CELLS + beyond
+    left, top = max(column - wide, 0), max(row - wide, 0)
+    right = min(column + columns + wide, surface.width)
+    bottom = min(row + rows + wide, surface.height)
+    values = surface.read(1, window=window_of((left, top, right - left, bottom - top)))
+    known = values != NODATA_M
+    reach = MARGIN_CELLS / SMOOTH_CELLS
+    weight = gaussian_filter(
+        known.astype(np.float64), SMOOTH_CELLS, mode="constant", truncate=reach
+    )
+    filled = np.where(known, values, 0.0).astype(np.float64)
+    total = gaussian_filter(filled, SMOOTH_CELLS, mode="constant", truncate=reach)
+    sure = known & (weight >= LEAST_SMOOTHED)
+    smooth = np.full((rows + 2 * beyond, columns + 2 * beyond), np.nan)
+    first, above = max(column - beyond, 0), max(row - beyond, 0)
+    last = min(column + columns + beyond, surface.width)
+    below = min(row + rows + beyond, surface.height)
+    inner = np.s_[above - top : below - top, first - left : last - left]
+    at = np.s_[
+        above - row + beyond : below - row + beyond,
+        first - column + beyond : last - column + beyond,
+    ]
+    smooth[at] = np.where(sure, total / np.where(sure, weight, 1.0), np.nan)[inner]
+    return smooth

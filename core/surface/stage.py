@@ -33,6 +33,7 @@ from core.surface.ground import (
     bridged,
     fit_trend,
     hillshade,
+    read_smooth,
 )
 from core.surface.matching import match_pair
 from core.surface.rectified import (
@@ -73,6 +74,7 @@ MOST_COARSE = 4096
 """Cells along the longer side of the coarse surface at most."""
 # design: shares of the bar on the screen; nothing is computed from them.
 COARSE_SHARE, FINE_SHARE = 0.2, 0.95
+TREND_IS = "a b c d of a + b x + c y + d (x2 + y2), metres; x and y -1 to 1 along the longer side"
 # design: some hundred thousand cells fix four coefficients.
 TREND_CELLS = 400
 """Cells along the longer side that the trend is fitted to."""
@@ -297,6 +299,12 @@ def _profile(grid: Grid, crs: str, dtype: str, nodata: float) -> dict[str, Any]:
     return profile | {"compress": "deflate", "zlevel": COMPRESSION_LEVEL, "predictor": predictor}
 
 
+def _name(file: Any, what: str, unit: str) -> None:
+    """Say in a file what its band holds."""
+    file.set_band_description(1, what)
+    file.set_band_unit(1, unit)
+
+
 def _write_surface(
     level: _Level, files: SurfaceFiles, crs: str, work: Work
 ) -> tuple[int, int, float]:
@@ -311,6 +319,9 @@ def _write_surface(
         rasterio.open(files.sigma, "w", **heights) as sigma,
         rasterio.open(files.count, "w", **counts) as count,
     ):
+        _name(surface, "height", "metre")
+        _name(sigma, "standard deviation of the height", "metre")
+        _name(count, "pairs of photos that agree", "")
         for tile, (cells, seen) in _tiles(level, work):
             window = window_of(tile)
             surface.write(np.nan_to_num(cells.heights, nan=NODATA_M), 1, window=window)
@@ -335,18 +346,20 @@ def _compare(
             ) as difference,
             rasterio.open(files.hillshade, "w", **_profile(grid, crs, "uint8", 0)) as relief,
         ):
-            difference.update_tags(TREND=" ".join(f"{v:.4f}" for v in trend.coefficients))
+            _name(difference, "surface minus DEM, less a trend", "metre")
+            difference.update_tags(
+                TREND=" ".join(f"{v:.4f}" for v in trend.coefficients), TREND_IS=TREND_IS
+            )
             tiles = list(tiles_of(grid, BLOCK_PX))
             for done, tile in enumerate(tiles, start=1):
-                heights = _read_heights(surface, tile, 1)
-                inner = heights[1:-1, 1:-1]
+                heights = _read_heights(surface, tile)
                 plan = _centres(grid.window(*tile))
-                away = inner - (dem.heights(plan) + trend.at(plan)).reshape(inner.shape)
+                away = heights - (dem.heights(plan) + trend.at(plan)).reshape(heights.shape)
                 window = window_of(tile)
                 values = np.nan_to_num(away, nan=NODATA_M).astype(np.float32)
                 difference.write(values, 1, window=window)
-                shade = hillshade(heights, grid.ground_sample_distance_m)[1:-1, 1:-1]
-                relief.write(shade, 1, window=window)
+                shade = hillshade(read_smooth(surface, tile, 1), grid.ground_sample_distance_m)
+                relief.write(shade[1:-1, 1:-1], 1, window=window)
                 work.progress.report(done, len(tiles), "difference to the DEM")
     return trend
 
@@ -356,7 +369,7 @@ def _trend_of(surface: Any, grid: Grid, dem: HeightSource) -> SystematicPart:
     plans, values = [], []
     for tile in tiles_of(grid, BLOCK_PX):
         column, row, columns, rows = tile
-        heights = _read_heights(surface, tile, 0)[-row % step :: step, -column % step :: step]
+        heights = _read_heights(surface, tile)[-row % step :: step, -column % step :: step]
         plan = _centres(grid.window(*tile)).reshape(rows, columns, 2)
         plan = plan[-row % step :: step, -column % step :: step].reshape(-1, 2)
         away = heights.ravel() - dem.heights(plan)
@@ -366,17 +379,11 @@ def _trend_of(surface: Any, grid: Grid, dem: HeightSource) -> SystematicPart:
     return fit_trend(np.concatenate(plans), np.concatenate(values), grid.bounds)
 
 
-def _read_heights(surface: Any, tile: Tile, margin: int) -> Picture:
-    """Heights of a tile and a margin of cells, NaN in holes and beyond the edge."""
-    column, row, columns, rows = tile
-    left, top = min(margin, column), min(margin, row)
-    right = min(margin, surface.width - column - columns)
-    bottom = min(margin, surface.height - row - rows)
-    part = (column - left, row - top, columns + left + right, rows + top + bottom)
-    values = surface.read(1, window=window_of(part))
+def _read_heights(surface: Any, tile: Tile) -> Picture:
+    """Heights of a tile, NaN in holes."""
+    values = surface.read(1, window=window_of(tile))
     values[values == NODATA_M] = np.nan
-    around = ((margin - top, margin - bottom), (margin - left, margin - right))
-    return np.pad(values, around, constant_values=np.nan)
+    return values
 
 
 def _centres(cells: Grid) -> Float64[np.ndarray, "n 2"]:

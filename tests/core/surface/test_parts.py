@@ -5,13 +5,15 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+import rasterio
 
 from core.block import Block
 from core.raster.grid import Grid
 from core.surface.fusion import PairHeights, cell_heights, fuse_pairs, object_points
-from core.surface.ground import fit_trend, hillshade
+from core.surface.ground import NODATA_M, fit_trend, hillshade, read_smooth
 from core.surface.matching import match_pair
 from core.surface.rectified import LaidPhoto, RectifiedPair, Turned, pairs_over, sound_pairs
+from tests.core.raster_files import place, write_raster
 from tests.flights import FlightPlan, fly
 
 
@@ -213,6 +215,21 @@ def test_the_trend_ignores_what_stands_on_the_ground__truth():
     trend = fit_trend(plan, away, (0.0, 0.0, 2000.0, 1000.0))
     np.testing.assert_allclose(trend.at(plan), systematic, atol=0.08)
     assert trend.nmad_m == pytest.approx(0.23, abs=0.04)
+
+
+def test_smooth_heights_of_tiles_are_those_of_the_whole__law(tmp_path):
+    rng = np.random.default_rng(7)
+    heights = (300 + rng.normal(0, 1, (90, 120))).astype(np.float32)
+    heights[40:60, 50:80] = NODATA_M
+    path = write_raster(tmp_path / "s.tif", heights, place(1.0), nodata=NODATA_M)
+    with rasterio.open(path) as file:
+        whole = read_smooth(file, (0, 0, 120, 90), 1)
+        part = read_smooth(file, (30, 20, 40, 50), 1)
+    np.testing.assert_allclose(part, whole[20:72, 30:72], atol=1e-9)
+    assert np.isnan(whole[0]).all()
+    assert np.isnan(whole[51, 61:71]).all()
+    # A bell of three cells averages some 113 of them.
+    assert np.nanstd(whole) < 0.2
 
 
 def test_slopes_to_the_light_are_bright__truth():
