@@ -225,9 +225,17 @@ class Keeper:
         """A temporary that takes the file's place when all went well."""
         target = self._folder / file
         endings = COMPANIONS.get(target.suffix, ())
-        with whole_file(target) as temporary:
-            yield temporary
-            made = [end for end in endings if temporary.with_name(temporary.stem + end).exists()]
+        try:
+            with whole_file(target) as temporary:
+                yield temporary
+                beside = {end: temporary.with_name(temporary.stem + end) for end in endings}
+                made = [end for end, path in beside.items() if path.exists()]
+        except BaseException:
+            # The folder was made for it if it holds nothing else.
+            if target.parent != self._folder:
+                with suppress(OSError):
+                    target.parent.rmdir()
+            raise
         # What an earlier file of another format had beside it would speak of this one.
         for end in set(endings) - set(made):
             target.with_name(target.stem + end).unlink(missing_ok=True)

@@ -16,7 +16,7 @@ from shapely.geometry import box
 
 from app.block_toml import FieldError
 from app.project import Project, read_project
-from app.sheets import check_sheets, far_sheets, make_sheets, sheets_line
+from app.sheets import Keeper, check_sheets, far_sheets, make_sheets, sheets_line
 from core.errors import ProjectError, ReferenceDataError
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.seams import Seam
@@ -184,6 +184,12 @@ def test_a_disk_that_fills_up_in_a_sheet_leaves_none_half__truth(
     assert "the disk is full" in told
     assert not [name for name in names(folder) if "HUST" in name or "part-" in name]
     assert made(session, folder, settings).made == 4
+
+
+def test_a_sheet_that_fails_leaves_no_folder_of_its_own__truth(session: Session) -> None:
+    with pytest.raises(OSError, match="full"), Keeper(session).making("cog/a.tif"):
+        raise OSError("full")
+    assert not (session.results / "sheets" / "cog").exists()
 
 
 @pytest.mark.parametrize(
