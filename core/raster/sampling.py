@@ -38,8 +38,8 @@ RADIUS: dict[Kernel, float] = {"cubic": 2.0, "linear": 1.0}
 # searches, and would read the whole ortho for that.
 EXACT_TO = 10
 """Up to this reduction original pixels are read; beyond it overviews may serve."""
-# design: bounds the memory, 40 MB a band.
-PIECE_PX = 3072
+# design: bounds the memory, 17 MB a band and some 25 bands at work.
+PIECE_PX = 2048
 """Edge of the largest piece worked on at once, original pixels."""
 # design: over this distance map projections are straight to far below a millimetre.
 NODE_STEP = 16
