@@ -207,6 +207,7 @@ ORTHO = (
     Key("gsd_m", "number", unit=METRES, asked="more"),
     Key("sheets", "file", asked="more"),
     Key("balance", "flag", True),
+    Key("tone", "text", "", asked="more"),
     Key("ground", "choice", "dem", choices=get_args(GroundKind)),
 )
 SURFACE = (

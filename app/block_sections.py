@@ -62,9 +62,10 @@ class OrthoSection:
     gsd_m: float | None = None
     """Ground sample distance of orthos and mosaic, metres; None takes that of the reference."""
     balance: bool = True
-    """Whether the tones of the photos are balanced."""
     ground: str = "dem"
     """What orthos stand on: `dem`, `surface` or `auto`."""
+    tone: str = ""
+    """Whose tone a balanced mosaic has: `reference`, a scan, or all photos' mean."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +79,6 @@ class SheetsSection:
     sm50: Mapping[str, Corner] = field(default_factory=dict[str, Corner])
     """North-east corners of sheets 1:50 000 by their letters, EPSG:5514."""
     formats: tuple[Form, ...] = ("geotiff",)
-    """Formats, each of every sheet."""
     crs: tuple[str, ...] = ()
     """CRS beside the block's own."""
     overlap_m: float = 0.0
@@ -361,7 +361,7 @@ def ortho_section(document: Document) -> OrthoSection:
     """The options of `[ortho]`, but for its map sheets."""
     table = document.table("ortho")
     gsd_m = table.number("gsd_m") if table.has("gsd_m") else None
-    return OrthoSection(gsd_m, table.flag("balance"), table.choice("ground"))
+    return OrthoSection(gsd_m, table.flag("balance"), table.choice("ground"), table.text("tone"))
 
 
 def _sets(table: Table) -> tuple[str, ...]:

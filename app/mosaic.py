@@ -3,11 +3,11 @@
 Edited seams are kept, and tiles that are still right are taken over.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import shapely
@@ -17,7 +17,7 @@ from shapely.geometry.base import BaseGeometry
 
 from app.project import Project
 from core.block import Photo
-from core.errors import ReferenceDataError
+from core.errors import ProjectError, ReferenceDataError
 from core.formats.vectors import read_layers
 from core.geometry.camera import Camera
 from core.geometry.crs import Bounds, parse_crs
@@ -38,7 +38,7 @@ from core.orthos.rectification import OrthoProduct
 from core.progress import Progress, Work
 from core.raster.dem import open_dem
 from core.raster.holes import Hole
-from core.raster.ortho import open_ortho
+from core.raster.ortho import Ortho, open_ortho
 from core.said import say
 from sessions.atomic_write import whole_file
 from sessions.checks import keep_written
@@ -58,6 +58,8 @@ NEIGHBOURS = "seam-fit"
 """Product that keeps how well photos fit along the seams."""
 
 CHANGE = "change.gpkg"
+REFERENCE = "reference"
+"""The `tone` of a mosaic that looks like the reference ortho."""
 
 
 def make_mosaic(
@@ -86,10 +88,9 @@ def make_mosaic(
     target, seams = session.results / FILE, session.results / SEAMS
     options = MosaicOptions(balance=project.ortho.balance)
     edited = _edited(session, seams)
-    layers = (project.reference.buildings, project.reference.roads)
-    wanted = (list(orthos), layers, sorted(project.taken.items()), options, edited)
     hand = ByHand(standing_seam_edits(session.decisions()))
-    inputs = products.digest_of("mosaic", 6, *wanted, *([hand.edits] if hand.edits else []))
+    wanted = [list(orthos), options, edited, *([hand.edits] if hand.edits else [])]
+    inputs = products.digest_of("mosaic", 7, *wanted, *_looked_at(project))
     kept = None if anew else products.load_value("mosaic", products.digest_of(inputs, target))
     if kept is not None and seams.is_file():
         return kept
@@ -111,6 +112,7 @@ def make_mosaic(
             former=None if tiles is None else FormerMosaic(target, tiles),
             stamps={ortho.photo_id: products.digest_of(ortho.path) for ortho in orthos},
             redraw=hand,
+            like=_like(project, names),
             options=options,
             progress=progress,
         )
@@ -120,6 +122,21 @@ def make_mosaic(
     notes = (*_far_buildings(project, guides), *product.notes)
     holes = _on_ground(product.holes, project)
     return _kept(products, inputs, replace(product, path=target, notes=notes, holes=holes))
+
+
+def _looked_at(project: Project) -> tuple[Any, ...]:
+    """What of a project a mosaic hangs on, besides the orthos."""
+    files, tone = project.reference, project.ortho.tone
+    taken = sorted(project.taken.items())
+    return files.buildings, files.roads, taken, tone, files.ortho if tone == REFERENCE else ()
+
+
+def _like(project: Project, shown: Collection[str]) -> Ortho | str:
+    """Whose tone the mosaic is given; a photo that is not shown gives none."""
+    tone = project.ortho.tone
+    if tone == REFERENCE:
+        return open_ortho(project.reference.ortho, project.block.crs)
+    return tone if tone in shown else ""
 
 
 def _on_ground(holes: Sequence[Hole], project: Project) -> tuple[Hole, ...]:
@@ -158,10 +175,18 @@ def check_guides(project: Project) -> tuple[str, ...]:
     """What is to be told of the buildings that seams avoid, before anything is computed.
 
     Raises:
+        ProjectError: The mosaic is to have the tone of what is not there.
         ReferenceDataError: As `seam_guides`.
         CrsError: Coordinates do not fit the CRS a layer names, or none can be found for it.
     """
-    files, crs = project.reference, project.block.crs
+    files, crs, tone = project.reference, project.block.crs, project.ortho.tone
+    known = [REFERENCE] if files.ortho else list[str]()
+    if tone and tone not in (*known, *(scan.photo_id for scan in project.scans.listed)):
+        raise ProjectError(
+            project.file,
+            say("[ortho] tone: neither a scan nor a reference ortho is {tone!r}.", tone=tone),
+            'Name a scan without its ending, "reference" where there is an ortho, or nothing.',
+        )
     if files.buildings is None:
         return ()
     bounds = open_ortho(files.ortho, crs).bounds if files.ortho else None

@@ -41,6 +41,7 @@ from core.raster.grid import (
     write_tiles,
 )
 from core.raster.holes import Hole, find_holes
+from core.raster.ortho import Ortho
 
 # design: about what they take
 READ, LAID = 0.2, 0.4
@@ -163,6 +164,7 @@ def compose_mosaic(
     former: FormerMosaic | None = None,
     stamps: Mapping[str, str] | None = None,
     redraw: Redraw = tuple,
+    like: Ortho | str = "",
     options: MosaicOptions | None = None,
     progress: Progress = SILENT,
 ) -> MosaicProduct:
@@ -172,7 +174,7 @@ def compose_mosaic(
         orthos: At least one; all on multiples of the pixels of the mosaic's grid.
         grid: That grid.
         path: Mosaic to write; hand over a temporary name and rename it.
-        seams_path: GeoPackage to write the seams to; likewise. None leaves them unwritten.
+        seams_path: GeoPackage for the seams; likewise. None leaves them unwritten.
         seams: Seams to use instead of drawing them; what edited ones leave open is filled.
         dates: Date of each photo, for the seams.
         guides: Buildings and roads, for the seams.
@@ -180,17 +182,15 @@ def compose_mosaic(
         former: Mosaic whose tiles are taken over where nothing has changed; needs stamps.
         stamps: What names the content of each ortho's file.
         redraw: Changes the seams, as operators did.
+        like: The reference or the photo whose tone the block is given; else their mean.
         options: Tiles, and whether to balance.
         progress: Told after every ortho and tile.
-
-    Returns:
-        The mosaic.
     """
     options, notes = options or MosaicOptions(), ()
     crs, dtype = common_crs_and_depth(orthos)
     scale = float(np.iinfo(dtype).max)
     overviews = read_overviews(orthos, grid, scale, Part(progress, 0.0, READ))
-    balances = balanced(orthos, overviews, planes, scale, untouched=not options.balance)
+    balances = balanced(orthos, overviews, planes, scale, like if options.balance else None)
     if seams is None or isinstance(seams, EditedSeams):
         seams, notes = lay_seams(
             overviews,
@@ -203,8 +203,8 @@ def compose_mosaic(
             progress=Part(progress, READ, LAID),
         )
     overviews.clear()
-    even = not options.feather_only
-    work = _prepare(orthos, grid, redraw(tuple(seams)), balances, dtype, former, stamps, even)
+    seams, even = redraw(tuple(seams)), not options.feather_only
+    work = _prepare(orthos, grid, seams, balances, dtype, former, stamps, even)
     if seams_path is not None:
         write_seams(work.seams, seams_path, crs)
     covered = _write(work, path, crs, options, Part(progress, LAID, 1.0))

@@ -5,12 +5,19 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from core.mosaic.overview import Overview, SeamView, read_overview, seam_view
-from core.mosaic.radiometry import Balance, FilmPlane, balance_orthos
+from core.mosaic.radiometry import (
+    Balance,
+    FilmPlane,
+    balance_orthos,
+    toned_as_photo,
+    toned_as_reference,
+)
 from core.mosaic.seam_cut import SeamGuides, label_ground
 from core.mosaic.seams import EditedSeams, Seam, fill_gaps, outline_seams
 from core.orthos.rectification import OrthoProduct
 from core.progress import Progress
 from core.raster.grid import Grid
+from core.raster.ortho import Ortho
 
 # design: METHODS 8 gives 2 to 10; it hides a step of gray and is narrower than a road
 FEATHER_PX = 8
@@ -57,15 +64,22 @@ def balanced(
     overviews: Sequence[Overview],
     planes: Mapping[str, FilmPlane] | None,
     full_scale: float,
-    *,
-    untouched: bool,
+    like: Ortho | str | None,
 ) -> Mapping[str, Balance]:
-    """The balance of every photo; that of nothing where tones are left untouched."""
-    if untouched:
+    """The balance of every photo.
+
+    `like` is what they are given the tone of: the reference, a photo, their mean where it is empty;
+    None leaves tones untouched.
+    """
+    if like is None:
         return {ortho.photo_id: Balance() for ortho in orthos}
     longest = max(max(view.grid.columns, view.grid.rows) for view in overviews)
     factor = max(1, longest // BALANCE_CELLS)
-    return balance_orthos([view.coarser(factor) for view in overviews], full_scale, planes)
+    views = [view.coarser(factor) for view in overviews]
+    found = balance_orthos(views, full_scale, planes)
+    if isinstance(like, Ortho):
+        return toned_as_reference(found, views, like, full_scale)
+    return toned_as_photo(found, like) if like else found
 
 
 def lay_seams(

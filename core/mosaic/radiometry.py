@@ -8,7 +8,7 @@ over the block.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import cv2
@@ -21,9 +21,10 @@ from core.arrays import Scalars
 from core.block import Photo
 from core.frames import HALF_PIXEL
 from core.geometry.camera import Camera
-from core.geometry.robust import CAUCHY_LIMIT, cauchy_weights, solve_robustly
+from core.geometry.robust import CAUCHY_LIMIT, cauchy_weights, nmad, solve_robustly
 from core.mosaic.overview import Overview, common_cells
 from core.raster.grid import Grid
+from core.raster.ortho import Ortho
 
 Unknowns = Float64[np.ndarray, "unknowns"]
 """Gain, offset, tilt to the east and to the north of each photo; then v1 and v2 of each camera."""
@@ -61,6 +62,10 @@ STEPS = (1 / 512, 0.25 / 255)
 # design: within so few pixels vignetting changes by less than a tenth of a gray value
 FALLOFF_CELL_PX = 4
 """Side of the cells over which vignetting is taken as constant, pixels."""
+
+WHITE = 255.0  # source: grays of the reference, as `Ortho.read` gives them
+MOST_GAIN = 4.0  # design: more shows nothing but grain
+"""A block is given the contrast of its reference up to this factor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,6 +203,55 @@ def balance_orthos(
             gain, offset * full_scale, (east, north), middle, falloff, plane
         )
     return found
+
+
+def toned_as_photo(balances: Mapping[str, Balance], photo_id: str) -> Mapping[str, Balance]:
+    """The same tones to each other, with the gain and offset of one photo left as they are."""
+    own = balances[photo_id]
+    return _all_toned(balances, 1 / own.gain, -own.offset / own.gain)
+
+
+def toned_as_reference(
+    balances: Mapping[str, Balance],
+    overviews: Sequence[Overview],
+    reference: Ortho,
+    full_scale: float,
+) -> Mapping[str, Balance]:
+    """The same tones to each other, with median and contrast of the reference where it shows.
+
+    Args:
+        balances: Of every photo.
+        overviews: The orthos in small.
+        reference: Grays of 0 to 255; what has changed since weighs little in the medians.
+        full_scale: Largest gray value of the orthos.
+    """
+    own, there = list[np.ndarray](), list[np.ndarray]()
+    for view in overviews:
+        patch = reference.read(view.grid)
+        both = view.full & patch.mask
+        own.append(balances[view.photo_id].corrected(view.values.copy(), view.grid)[both])
+        there.append(patch.values[both] * (full_scale / WHITE))
+    ours, theirs = np.concatenate(own).astype(np.float64), np.concatenate(there)
+    spread = nmad(ours) if len(ours) else 0.0
+    if spread <= 0:
+        return balances
+    gain = float(np.clip(nmad(theirs.astype(np.float64)) / spread, 1 / MOST_GAIN, MOST_GAIN))
+    return _all_toned(balances, gain, float(np.median(theirs) - gain * np.median(ours)))
+
+
+def _all_toned(
+    balances: Mapping[str, Balance], gain: float, offset: float
+) -> Mapping[str, Balance]:
+    """Every corrected gray times a gain, and an offset more."""
+    return {
+        name: replace(
+            one,
+            gain=gain * one.gain,
+            offset=gain * one.offset + offset,
+            tilt=(gain * one.tilt[0], gain * one.tilt[1]),
+        )
+        for name, one in balances.items()
+    }
 
 
 def _rounded(unknowns: Unknowns, photos: int) -> Unknowns:

@@ -2,10 +2,19 @@
 
 import numpy as np
 import pytest
+import rasterio
 
 from core.mosaic.overview import read_overview
-from core.mosaic.radiometry import Balance, FilmPlane, balance_orthos, film_plane
+from core.mosaic.radiometry import (
+    Balance,
+    FilmPlane,
+    balance_orthos,
+    film_plane,
+    toned_as_photo,
+    toned_as_reference,
+)
 from core.raster.grid import Grid
+from core.raster.ortho import open_ortho
 from tests.core.mosaic.conftest import write_ortho
 
 
@@ -17,6 +26,26 @@ def test_gains_and_offsets_are_found_again__truth(block):
     assert np.ptp(gains) < 0.01
     assert np.ptp(offsets) < 1.0
     assert np.mean([balance.gain for balance in found.values()]) == pytest.approx(1, abs=1e-4)
+
+
+def test_the_block_has_the_tone_of_a_photo_or_of_the_reference__truth(block, tmp_path):
+    views = [read_overview(ortho, 4) for ortho in block]
+    found = balance_orthos(views)
+    own = toned_as_photo(found, "b")
+    assert (own["b"].gain, own["b"].offset) == pytest.approx((1, 0))
+    ratios = [own[name].gain / found[name].gain for name in found]
+    assert ratios == pytest.approx([ratios[0]] * 4)
+    # A reference of half the contrast; a photo of gain 1 and offset 0 shows the ground as it is.
+    true = next(ortho for ortho in block if ortho.photo_id == "a")
+    with rasterio.open(true.path) as file:
+        values, profile = file.read(1), file.profile
+    path = tmp_path / "reference.tif"
+    with rasterio.open(path, "w", **(profile | {"count": 1})) as file:
+        file.write(np.where(values > 0, values * 0.5 + 60, 0).astype(np.uint8), 1)
+    reference = open_ortho([path], str(profile["crs"]))
+    shown = toned_as_reference(found, [views[0]], reference, 255.0)
+    assert (shown["a"].gain, shown["a"].offset) == pytest.approx((0.5, 60), abs=2)
+    assert shown["b"].gain / shown["a"].gain == pytest.approx(found["b"].gain / found["a"].gain)
 
 
 def test_changed_fields_do_not_bend_the_balance__truth(tmp_path):
