@@ -10,11 +10,11 @@ import rasterio
 import shapely
 from affine import Affine
 
-from app.block_sections import BlockSection
+from app.block_sections import BlockSection, OrthoSection
 from app.mosaic import make_mosaic, seam_guides
 from app.project import ListedScan, Project, ReferenceSection, ScansSection
 from app.stage_lines import notes_ahead
-from core.errors import ReferenceDataError
+from core.errors import ProjectError, ReferenceDataError
 from core.formats.vectors import write_polygons
 from core.mosaic.seams import read_seams, write_seams
 from core.progress import SILENT
@@ -196,6 +196,21 @@ def test_buildings_that_are_lines_are_refused_and_nothing_is_written__truth(bloc
         make_mosaic(session, given, orthos, SILENT)
     assert str(path) in str(refused.value)
     assert not [one.name for one in session.results.iterdir() if one.is_file()]
+
+
+def test_a_mosaic_has_the_tone_it_is_given__truth(block):
+    project, session, orthos = block
+    lost = replace(project, ortho=OrthoSection(tone="reference"))
+    with pytest.raises(ProjectError, match="neither a scan nor a reference ortho is 'reference'"):
+        notes_ahead(["mosaic"], lost)
+    grays = np.random.default_rng(1).integers(60, 101, (1, 400, 600)).astype(np.uint8)
+    ground = write_raster(project.folder / "o.tif", grays, at(1.0), crs=CRS)
+    alike = replace(lost, reference=replace(project.reference, ortho=(ground,)))
+    assert notes_ahead(["mosaic"], alike) == []
+    made = make_mosaic(session, alike, orthos, SILENT)
+    with rasterio.open(made.path) as file:
+        shown = file.read(1)
+    assert np.median(shown[shown > 0]) == pytest.approx(80, abs=2)
 
 
 def test_buildings_of_another_place_are_told__truth(block):
