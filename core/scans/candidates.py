@@ -29,6 +29,8 @@ APART_CELLS = 5  # design: as wide as the peak of a thin line
 """Side of the square in which a candidate is the highest."""
 EVEN_MM = 2.0  # design: the housing of a mark; wider, the light of the picture beside it remains
 """Side of the surroundings whose mean and spread are taken away from a window."""
+KEPT_DRAWN = 1024  # design: the library at a few scales, a few megabytes
+"""Drawn marks that are kept."""
 LEAST_SPREAD = 0.02  # design: an even window would make any peak significant
 """Spread of correlations that is always reckoned with."""
 
@@ -151,7 +153,8 @@ def all_candidates(
     """
     result: list[Candidates] = []
     plain = [Sought(window.gray) for window in windows]
-    for mark, drawn in _drawn_library(marks, round(cell_mm, 6)):
+    for mark in marks:
+        drawn = _drawn(mark, round(cell_mm, 6))
         found: dict[bool, list[list[Peak]]] = {True: [], False: []}
         upright = Wanted(drawn)
         for window, whole in zip(windows, plain, strict=True):
@@ -193,10 +196,10 @@ def candidates_at(
     return replace(found, places=places, correlations=correlations, significances=significances)
 
 
-@lru_cache(maxsize=4)
-def _drawn_library(marks: tuple[Mark, ...], cell_mm: float) -> tuple[tuple[Mark, Template], ...]:
-    """The library drawn at one scale; the scans of a block share it."""
-    return tuple((mark, draw_mark(mark, cell_mm).astype(np.float32)) for mark in marks)
+@lru_cache(maxsize=KEPT_DRAWN)
+def _drawn(mark: Mark, cell_mm: float) -> Template:
+    """A mark drawn at one scale; the searches of a scan and the scans of a block share it."""
+    return draw_mark(mark, cell_mm).astype(np.float32)
 
 
 def eighth(outward: tuple[float, float], turn: float) -> tuple[float, float]:

@@ -16,6 +16,7 @@ from functools import partial
 import cv2
 import numpy as np
 from jaxtyping import Float32, Float64
+from scipy.ndimage import map_coordinates, spline_filter
 
 from core.doubts import Failure
 from core.geometry.robust import TINY, cauchy_weights, robust_sigma
@@ -32,6 +33,10 @@ from core.matching.precision import place_covariance, sharpness_of
 Gray = Float32[np.ndarray, "rows columns"]
 Weights = Float64[np.ndarray, "side side"]
 Shift = Float64[np.ndarray, "2"]
+Spline = Float64[np.ndarray, "rows_and_rim columns_and_rim"]
+Samples = Float64[np.ndarray, "edges samples"]
+SPLINE_PX = 12  # source: Unser 1999, the pole of cubic splines: 0.27^12 of the contrast
+"""Pixels beyond samples that still tell in their interpolation: the rim of a spline."""
 STEPS = 20  # design: a fit that has not converged by then wanders
 FAR = 3.0  # source: Geman & McClure 1987, the usual three spreads
 """Residual, in spreads, at which half of a pixel's influence is gone."""
@@ -370,6 +375,18 @@ def square_about(window: Gray, place: Shift, side: int) -> Weights:
     inside_c = np.clip(np.arange(column - half, column + half + 1), 0, columns - 1)
     inside_r = np.clip(np.arange(row - half, row + half + 1), 0, rows - 1)
     return window[np.ix_(inside_r, inside_c)].astype(np.float64)
+
+
+def spline_of(window: Gray) -> Spline:
+    """A window as cubic splines, continued evenly: for `gray_between`."""
+    padded = np.pad(np.asarray(window, dtype=np.float64), SPLINE_PX, mode="edge")
+    return np.asarray(spline_filter(padded, order=3, mode="nearest"))
+
+
+def gray_between(spline: Spline, columns: Samples, rows: Samples) -> Samples:
+    """Grays at places of a window; `cv2.remap` knows only 32 places within a pixel."""
+    at = [rows + (SPLINE_PX - 0.5), columns + (SPLINE_PX - 0.5)]
+    return map_coordinates(spline, at, order=3, mode="nearest", prefilter=False)
 
 
 def disc_weights(side: int, radius_px: float) -> Weights:

@@ -1,7 +1,8 @@
 """Copies of a mark that an operator showed, found and measured in its own scan and in others."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -12,7 +13,15 @@ from core.scans.candidates import eighth
 from core.scans.centring import blur_as_scanned, disc_in
 from core.scans.constellation import Constellation, find_constellation
 from core.scans.corner_sets import FOUND_MM, measure_corners
-from core.scans.example import ShownMark, example_reduction, layout_like, marks_like, mean_picture
+from core.scans.example import (
+    Corner,
+    ShownMark,
+    example_reduction,
+    layout_like,
+    marks_like,
+    mean_picture,
+    shown_edges,
+)
 from core.scans.fiducials import both_ways, found_after_all, quarters_of
 from core.scans.film_area import FilmArea
 from core.scans.judging import (
@@ -70,10 +79,14 @@ def measure_like(
     """
     photo_id = photo_id_of(scan.path)
     layout = layout_like(camera, shown, area, quarters_of(camera, area))
-    best = _alike(scan, layout, pixel_mm, area, shown)
+    corner = cache(partial(shown_edges, shown))
+    best = _alike(scan, layout, pixel_mm, area, shown, corner)
     if isinstance(layout, Layout) or layout.names != tuple(SIDES) or _sure(best, layout):
         return best
-    corners = measure_corners(scan, camera, pixel_mm, area, shown)
+    pointed = corner()
+    if pointed is None:
+        return best
+    corners = measure_corners(scan, camera, pixel_mm, area, (shown, pointed))
     if isinstance(corners, Failure) or len(corners.marks) < len(best.marks):
         return best
     known = [mark for mark in corners.marks if not _near(mark, best.marks, pixel_mm)]
@@ -102,10 +115,11 @@ def _alike(
     pixel_mm: float,
     area: FilmArea,
     shown: ShownMark,
+    corner: Callable[[], Corner | None],
 ) -> FiducialSet:
     """The marks of a layout that look like the example."""
     sure = shown.place if shown.scan.path == scan.path else None
-    sizes = marks_like(shown)
+    sizes = marks_like(shown, corner)
     found = find_constellation(scan, layout, pixel_mm, area, marks=sizes, sure=sure)
     if isinstance(found, Failure):
         count = len(layout.names) if isinstance(layout, Layout) else 0

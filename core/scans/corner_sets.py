@@ -29,7 +29,7 @@ from core.scans.corners import (
     edges_about,
     turned_edges,
 )
-from core.scans.example import ShownMark, example_reduction, shown_edges
+from core.scans.example import Corner, ShownMark, example_reduction
 from core.scans.film_area import FilmArea
 from core.scans.judging import SHOWN_PX, FiducialMeasurement, FiducialSet, judged_set
 from core.scans.marks import EXAMPLE, Mark
@@ -87,7 +87,7 @@ def measure_corners(
     camera: Camera,
     pixel_mm: float,
     area: FilmArea,
-    shown: ShownMark | None = None,
+    shown: tuple[ShownMark, Corner] | None = None,
     known: Sequence[FiducialMeasurement] = (),
 ) -> FiducialSet | Failure:
     """Find and measure corners at the four sides that lie and point as marks of a camera do.
@@ -100,20 +100,17 @@ def measure_corners(
         camera: Camera with the size of its frame.
         pixel_mm: Nominal size of a scan pixel, millimetres.
         area: The exposed picture.
-        shown: One of them, where somebody pointed at it.
+        shown: One of them, where somebody pointed at it, and where its edges meet.
         known: Marks in the corners of the frame.
     """
     if pixel_mm > COARSEST_MM:
         return Failure("The scan is too coarse for edges.")
-    pointed = None if shown is None else shown_edges(shown)
-    if shown is not None and pointed is None:
-        return Failure("The mark that was shown is no corner.")
     placed = _placed_by(known, area)
     area = area if placed is None else placed
     windows = frame_windows(scan, camera, pixel_mm, area, "sides")
     seen = [_seen_in(window, area, pixel_mm) for window in windows]
-    if shown is not None and pointed is not None:
-        _keep_shown(seen, windows, shown, pointed, own=shown.scan.path == scan.path, area=area)
+    if shown is not None:
+        _keep_shown(seen, windows, *shown, own=shown[0].scan.path == scan.path, area=area)
     fitted = _rectangle(seen, area, pixel_mm)
     placing = placed is not None or len(area.seen) == len(SIDES)
     if fitted is None and shown is None and placing:
@@ -299,7 +296,7 @@ def _keep_shown(
     seen: list[list[_Seen]],
     windows: Sequence[SearchWindow],
     shown: ShownMark,
-    pointed: tuple[tuple[float, float], Edges],
+    pointed: Corner,
     *,
     own: bool,
     area: FilmArea,

@@ -7,7 +7,9 @@ other is not; so the step is taken where it is steepest and where it is half way
 agree.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 
 import cv2
@@ -18,12 +20,16 @@ from core.doubts import Failure
 from core.geometry.robust import TINY, cauchy_weights, robust_sigma
 from core.scans.centring import (
     FAR,
+    SPLINE_PX,
     Centre,
     Gray,
+    Spline,
+    Weights,
     blur_as_scanned,
     correlation,
-    disc_in,
+    disc_weights,
     sample_about,
+    spline_of,
 )
 from core.scans.outlines import (
     CORRELATED,
@@ -67,8 +73,6 @@ LIKE_CORNER = 0.8  # design: corners in texture reach less, those of frames 0.85
 TRIED_PAIRS = 3  # design: time
 """Pairs of edges about a place that are tried, best seen first."""
 MEDIAN_LOSS = np.pi / 2  # source: variance of a median of normal values over that of their mean
-SPLINE_PX = 12  # source: Unser 1999, the pole of cubic splines: 0.27^12 of the contrast
-"""Pixels beyond samples that still tell in their interpolation."""
 FOLLOWED = 4  # design: twice what edges of usual length take
 """How often an edge is followed further."""
 LOOKED_MM = 0.6  # design: steps of wings are as long
@@ -88,6 +92,8 @@ class Edge:
 
 
 Edges = tuple[Edge, Edge]
+_Pair = tuple[float, float, float]
+"""How well two edges that may meet are seen, and their directions: rising and falling."""
 
 
 def turned_edges(edges: Edges, was: float, points: float, mirrored: bool) -> Edges:
@@ -121,9 +127,11 @@ def edges_about(
         return None
     soft, slopes = _softened(gray)
     beside = np.array(BESIDE_MM) / cell_mm
-    for right, down in product(beside, beside):
-        start = float(place[0] + right), float(place[1] + down)
-        for _, edges in _guesses(soft, slopes, start, cell_mm)[:TRIED_PAIRS]:
+    starts = [
+        (float(place[0] + right), float(place[1] + down)) for right, down in product(beside, beside)
+    ]
+    for start, pairs in zip(starts, _pairs(slopes, starts, cell_mm), strict=True):
+        for _, edges in _guesses(soft, pairs, start, cell_mm)[:TRIED_PAIRS]:
             met = _met(soft, start, limit_px, edges, cell_mm, half_way=True, turned_deg=FOUND_DEG)
             if isinstance(met, Failure) or likeness_of(soft, *met, cell_mm) < LIKE_CORNER:
                 continue
@@ -145,10 +153,11 @@ def corners_in(
         count: How many are kept.
     """
     soft, slopes = _softened(gray)
+    meeting = _meeting(slopes, cell_mm)
     guesses = [
         (like, place, edges)
-        for place in _meeting(slopes, cell_mm)
-        for like, edges in _guesses(soft, slopes, place, cell_mm)[:1]
+        for place, pairs in zip(meeting, _pairs(slopes, meeting, cell_mm), strict=True)
+        for like, edges in _guesses(soft, pairs, place, cell_mm)[:1]
     ]
     guesses.sort(key=lambda guess: -guess[0])
     apart: list[tuple[tuple[float, float], Edges]] = []
@@ -188,41 +197,51 @@ def _softened(gray: Gray) -> tuple[Gray, tuple[Gray, Gray]]:
 
 
 def _guesses(
-    soft: Gray, slopes: tuple[Gray, Gray], place: tuple[float, float], cell_mm: float
+    soft: Gray, pairs: Sequence[_Pair], place: tuple[float, float], cell_mm: float
 ) -> list[tuple[float, Edges]]:
     """Edges that may meet at a place and part two grays there, likest first."""
     guesses: list[tuple[float, Edges]] = []
-    for _, rise, fall in sorted(_pairs(slopes, place, cell_mm), reverse=True)[:TRIED_PAIRS]:
+    patch = _looked_at(soft, place, cell_mm) if pairs else soft
+    for _, rise, fall in sorted(pairs, reverse=True)[:TRIED_PAIRS]:
         edges = Edge(rise, True), Edge(fall, False)
-        like = likeness_of(soft, Centre(*place, 0.0, 0.0), edges, cell_mm)
+        like = _parted(patch, edges)
         if like > LEAST_ALIKE:
             guesses.append((like, edges))
     return sorted(guesses, key=lambda guess: -guess[0])
 
 
 def _pairs(
-    slopes: tuple[Gray, Gray], place: tuple[float, float], cell_mm: float
-) -> list[tuple[float, float, float]]:
-    """Edges of both polarities that may meet at a place: how well they are seen, and directions."""
+    slopes: tuple[Gray, Gray], places: Sequence[tuple[float, float]], cell_mm: float
+) -> list[list[_Pair]]:
+    """Edges of both polarities that may meet at each place."""
+    if not places:
+        return []
     angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
     away = np.arange(_nearest(cell_mm), _nearest(cell_mm) + _least(cell_mm))
-    columns = (place[0] + np.cos(angles)[:, None] * away - 0.5).astype(np.float32)
-    rows = (place[1] + np.sin(angles)[:, None] * away - 0.5).astype(np.float32)
+    at, shape = np.array(places)[:, :, None, None], (len(places), -1)
+    columns, rows = (
+        (at[:, k] + along(angles)[:, None] * away - 0.5).astype(np.float32).reshape(shape)
+        for k, along in enumerate((np.cos, np.sin))
+    )
     right, down = (
-        cv2.remap(one, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        cv2.remap(one, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(
+            len(places), len(angles), len(away)
+        )
         for one in slopes
     )
     across = down * np.cos(angles)[:, None] - right * np.sin(angles)[:, None]
     steep = np.hypot(right, down)
-    share = across / (steep + WEAK * np.percentile(steep, STEEPEST) + TINY)
+    usual = np.percentile(steep.reshape(shape), STEEPEST, axis=1)[:, None, None]
+    share = across / (steep + WEAK * usual + TINY)
     rising, falling = (_edges_of(sign * share, angles) for sign in (1.0, -1.0))
+    least, most = np.radians(SHARP_DEG), np.pi - np.radians(STRAIGHT_DEG)
     return [
-        (min(rise[1], fall[1]), rise[0], fall[0])
-        for rise in rising
-        for fall in falling
-        if np.radians(SHARP_DEG)
-        < angle_between(rise[0], fall[0])
-        < np.pi - np.radians(STRAIGHT_DEG)
+        [
+            (min(rise[1], fall[1]), rise[0], fall[0])
+            for rise, fall in product(*both)
+            if least < angle_between(rise[0], fall[0]) < most
+        ]
+        for both in zip(rising, falling, strict=True)
     ]
 
 
@@ -248,8 +267,9 @@ def _meeting(slopes: tuple[Gray, Gray], cell_mm: float) -> list[tuple[float, flo
     for turn in range(len(angles)):
         apart = angle_between(angles[turn], 0.0)
         if np.radians(SHARP_DEG) < apart < np.pi - np.radians(STRAIGHT_DEG):
-            both = np.minimum(edges[0], np.roll(edges[1], -turn, axis=0)).max(axis=0)
-            response = np.maximum(response, both)
+            for k in range(len(angles)):
+                both = np.minimum(edges[0, k], edges[1, (k + turn) % len(angles)])
+                np.maximum(response, both, out=response)
     # Edges are seen from everywhere near their corner: the middle of that is where they meet.
     response = cv2.GaussianBlur(response, (0, 0), NEAREST_PX / 2)
     side = 2 * round(NEAREST_PX) + 1
@@ -263,12 +283,28 @@ def _meeting(slopes: tuple[Gray, Gray], cell_mm: float) -> list[tuple[float, flo
 
 def likeness_of(gray: Gray, centre: Centre, edges: Edges, cell_mm: float) -> float:
     """Correlation with two even grays parted by the edges, ups and downs beyond them cut off."""
-    half = int(np.ceil(LOOKED_MM / cell_mm))
-    patch = sample_about(gray, np.array((centre.column, centre.row)), 2 * half + 1)
-    right, down = np.meshgrid(*2 * (np.arange(-half, half + 1, dtype=np.float64),))
+    return _parted(_looked_at(gray, (centre.column, centre.row), cell_mm), edges)
+
+
+def _looked_at(gray: Gray, place: tuple[float, float], cell_mm: float) -> Weights:
+    """The grays about a corner."""
+    return sample_about(gray, np.array(place), 2 * int(np.ceil(LOOKED_MM / cell_mm)) + 1)
+
+
+@lru_cache(maxsize=8)
+def _about(side: int) -> tuple[Weights, Weights]:
+    """Directions from the middle of a patch, and the weights of its disc."""
+    axis = np.arange(side) - side // 2
+    right, down = np.meshgrid(axis, axis)
+    return np.arctan2(down, right), disc_weights(side, side / 2 - 1)
+
+
+def _parted(patch: Weights, edges: Edges) -> float:
+    """Correlation of the grays about a corner with two even grays parted by edges."""
     start, end = sorted(edges, key=lambda one: not one.rises)
-    turn = (np.arctan2(down, right) - start.angle) % (2 * np.pi)
-    bright, weights = turn < (end.angle - start.angle) % (2 * np.pi), disc_in(patch)
+    directions, weights = _about(patch.shape[0])
+    turn = (directions - start.angle) % (2 * np.pi)
+    bright = turn < (end.angle - start.angle) % (2 * np.pi)
     low, high = (
         float(np.median(patch[(weights > 0) & (bright == side)])) for side in (False, True)
     )
@@ -282,14 +318,18 @@ def angle_between(first: float, second: float) -> float:
     return abs((first - second + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _edges_of(share: np.ndarray, angles: np.ndarray) -> list[tuple[float, float]]:
-    """Directions in which an edge of one polarity runs from a place, and how much of it is seen."""
+def _edges_of(share: np.ndarray, angles: np.ndarray) -> list[list[tuple[float, float]]]:
+    """Directions in which an edge of one polarity runs from each place, and how much is seen."""
     # A corner pointed at beside its tip has its edges beside the direction at which they run.
-    wide = np.maximum.reduce([share, np.roll(share, 1, axis=0), np.roll(share, -1, axis=0)])
-    seen = (wide > ALONG).mean(axis=1)
-    worth = np.where(seen > LEAST_EDGE, np.where(wide > ALONG, wide, 0.0).mean(axis=1), 0.0)
-    highest = (worth > 0) & (worth >= np.roll(worth, 1)) & (worth >= np.roll(worth, -1))
-    return [(float(angles[k]), float(worth[k])) for k in np.nonzero(highest)[0]]
+    wide = np.maximum.reduce([share, np.roll(share, 1, axis=1), np.roll(share, -1, axis=1)])
+    seen = (wide > ALONG).mean(axis=2)
+    worth = np.where(seen > LEAST_EDGE, np.where(wide > ALONG, wide, 0.0).mean(axis=2), 0.0)
+    highest = (worth > 0) & (worth >= np.roll(worth, 1, axis=1))
+    highest &= worth >= np.roll(worth, -1, axis=1)
+    found: list[list[tuple[float, float]]] = [[] for _ in share]
+    for place, k in np.argwhere(highest).tolist():
+        found[place].append((float(angles[k]), float(worth[place, k])))
+    return found
 
 
 def _nearest(cell_mm: float) -> float:
@@ -339,6 +379,7 @@ def _met(
 ) -> tuple[Centre, Edges] | Failure:
     """Where lines through the steps along two edges meet."""
     window, corner = _part(window, start, FARTHEST_MM / cell_mm + 2 * limit_px)
+    spline = spline_of(window)
     start = (start[0] - corner[0], start[1] - corner[1])
     place, lines = np.array(start), list(edges)
     cofactors, normals, moved = np.zeros(2), np.zeros((2, 2)), np.zeros(2)
@@ -346,7 +387,7 @@ def _met(
     for number in range(ROUNDS):
         reach = max(limit_px / 2**number, REACH_PX)
         for k, edge in enumerate(lines):
-            line = _line(window, place, edge, cell_mm, half_way=half_way, reach=reach)
+            line = _line(spline, place, edge, cell_mm, half_way=half_way, reach=reach)
             if line is None:
                 return Failure("The mark's edges are not there.")
             turn, moved[k], cofactors[k] = share * line[0], line[1], line[2]
@@ -390,20 +431,21 @@ def _normal(edge: Edge) -> Float64[np.ndarray, "2"]:
 
 
 def _line(
-    window: Gray, place: np.ndarray, edge: Edge, cell_mm: float, *, half_way: bool, reach: float
+    spline: Spline, place: np.ndarray, edge: Edge, cell_mm: float, *, half_way: bool, reach: float
 ) -> tuple[float, float, float] | None:
     """How the line through the steps along an edge is turned and moved, and that move's variance.
 
     The edge is followed from the corner for as long as it is straight.
     """
     along = np.array([np.cos(edge.angle), np.sin(edge.angle)])
-    ends = np.where(along > 0, window.shape[::-1] - place, place) / np.maximum(np.abs(along), TINY)
+    columns, rows = (size - 2 * SPLINE_PX for size in spline.shape[::-1])
+    ends = np.where(along > 0, (columns, rows) - place, place) / np.maximum(np.abs(along), TINY)
     least, first = _least(cell_mm), _nearest(cell_mm)
     farthest = min(FARTHEST_MM / cell_mm, float(ends.min()) - reach)
     away = np.arange(first, max(farthest, first + least))
     normals = np.repeat(_normal(edge)[None], len(away), axis=0)
     points = place + away[:, None] * along
-    offsets, height = steps_of_gray(window, points, normals, half_way, reach)
+    offsets, height = steps_of_gray(spline, points, normals, half_way, reach)
     sure, gap = height > 0, int(np.ceil(max(GAP_MM / cell_mm, LEAST_PX / 2)))
     if not half_way:
         # The line is known: where its steps are steepest only confirms where it lies.
@@ -429,12 +471,18 @@ def _line(
     return turn, float(solution[0]), variance
 
 
+@lru_cache(maxsize=64)
+def _pairs_of(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Every pair of so many steps."""
+    return np.triu_indices(count, 1)
+
+
 def _fitted(
     away: Float64[np.ndarray, "n"], offsets: Float64[np.ndarray, "n"]
 ) -> tuple[Float64[np.ndarray, "2"], float]:
     """The straight line through offsets that most lie on, and the variance of its beginning."""
     design = np.column_stack([np.ones(len(away)), away])
-    one, other = np.triu_indices(len(away), 1)
+    one, other = _pairs_of(len(away))
     # source: Theil 1950, Sen 1968: the median of the slopes of all pairs
     slope = float(np.median((offsets[other] - offsets[one]) / (away[other] - away[one])))
     solution = np.array([float(np.median(offsets - slope * away)), slope])

@@ -5,7 +5,7 @@ search takes the one that it finds again best. The picture beside the mark diffe
 copy, so the mean of the found copies shows the mark alone.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,8 @@ from core.scans.naming import (
     lying,
 )
 
+Corner = tuple[tuple[float, float], Edges]
+"""Where two edges meet, column and row, and how they run."""
 RADII_MM = (0.5, 0.8, 1.3, 2.1)  # design: marks of the library, in steps of about 1.6
 """How far a mark may reach from its middle: all are tried."""
 POINTED_MM = 0.25  # design: two pixels of a coarse scan: as near as one points on a screen
@@ -58,19 +60,30 @@ class ShownMark:
     """About where it lies from the middle of the picture, x right and y up, millimetres."""
 
 
-def marks_like(shown: ShownMark) -> tuple[Mark, ...]:
+def marks_like(shown: ShownMark, corner: Callable[[], Corner | None]) -> tuple[Mark, ...]:
     """The mark that was shown, in every size it may have.
+
+    Args:
+        shown: The mark.
+        corner: Tells where its edges meet, as `shown_edges`; asked where it is no figure.
 
     Raises:
         ScanError: The scan cannot be read.
     """
-    return tuple(_pictured(shown, radius) for radius in RADII_MM)
+    return tuple(_pictured(shown, radius, corner) for radius in RADII_MM)
 
 
-def _pictured(shown: ShownMark, radius_mm: float) -> Mark:
+def _pictured(shown: ShownMark, radius_mm: float, corner: Callable[[], Corner | None]) -> Mark:
     """The mark with one reach, its middle on the point of symmetry where it has one."""
-    window, _, start, by = _window_about(shown, radius_mm)
-    return _centred(window, start, shown.outward, radius_mm, shown.pixel_mm * by)
+    window, first, start, by = _window_about(shown, radius_mm)
+
+    def within() -> Corner | None:
+        met = corner()
+        if met is None:
+            return None
+        return ((met[0][0] - first[0]) / by, (met[0][1] - first[1]) / by), met[1]
+
+    return _centred(window, start, shown.outward, radius_mm, shown.pixel_mm * by, within)
 
 
 def _window_about(
@@ -85,7 +98,7 @@ def _window_about(
     return window, corner, start, by
 
 
-def shown_edges(shown: ShownMark) -> tuple[tuple[float, float], Edges] | None:
+def shown_edges(shown: ShownMark) -> Corner | None:
     """Where the edges of a shown mark meet, scan pixels, and how they run; None for a figure."""
     window, corner, start, by = _window_about(shown, RADII_MM[0])
     cell_mm = shown.pixel_mm * by
@@ -127,7 +140,12 @@ def mean_picture(
         laid.append((upright - upright.mean()) / max(float(upright.std()), TINY))
     middle = np.median(laid, axis=0).astype(np.float32)
     about = (middle.shape[1] / 2, middle.shape[0] / 2)
-    return _centred(middle, about, mark.picture.outward, mark.radius_mm, pixel_mm)
+
+    def corner() -> Corner | None:
+        met = edges_about(middle, about, POINTED_MM / pixel_mm + 1, pixel_mm)
+        return None if met is None else ((met[0].column, met[0].row), met[1])
+
+    return _centred(middle, about, mark.picture.outward, mark.radius_mm, pixel_mm, corner)
 
 
 def _turned(outward: tuple[float, float], turn: float) -> tuple[float, float]:
@@ -153,6 +171,7 @@ def _centred(
     outward: tuple[float, float],
     radius_mm: float,
     pixel_mm: float,
+    corner: Callable[[], Corner | None],
 ) -> Mark:
     """The mark about a place of a window, on its point of symmetry where it has one."""
     about = centre_by_symmetry(window, start, POINTED_MM / pixel_mm + 1, disc(radius_mm / pixel_mm))
@@ -161,9 +180,7 @@ def _centred(
     if isinstance(about, Centre) and symmetric:
         middle = about.column, about.row
     elif pixel_mm <= FINE_MM:
-        corner = edges_about(window, start, POINTED_MM / pixel_mm + 1, pixel_mm)
-        if corner is not None:
-            middle, edges = (corner[0].column, corner[0].row), corner[1]
+        middle, edges = corner() or (start, None)
     gray = sample_about(window, np.array(middle), 2 * _half_px(radius_mm, pixel_mm) + 1)
     picture = Picture(gray, pixel_mm, outward, symmetric, edges)
     return Mark(EXAMPLE, radius_mm, 0.0, picture=picture)

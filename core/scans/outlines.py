@@ -19,7 +19,6 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.interpolate import BSpline
-from scipy.ndimage import map_coordinates
 
 from core.doubts import Failure
 from core.geometry.robust import cauchy_weights, robust_sigma
@@ -30,10 +29,13 @@ from core.scans.centring import (
     Centre,
     Gray,
     Left,
+    Spline,
     Weights,
     blur_as_scanned,
     correlation,
     disc_in,
+    gray_between,
+    spline_of,
     square_about,
 )
 
@@ -123,9 +125,10 @@ def centre_by_edges(
     if len(points) < MIN_EDGES:
         return Failure("The mark has too little outline in the window.")
     place, sigma, share = np.array(start, dtype=np.float64), np.nan, 0.0
+    spline = spline_of(window)
     for step_number in range(EDGE_ROUNDS):
         reach = FAR_PX if step_number < APPROACH_ROUNDS else REACH_PX
-        offsets, height = steps_of_gray(window, points + place, normals, notch, reach)
+        offsets, height = steps_of_gray(spline, points + place, normals, notch, reach)
         sure = height > 0
         if sure.sum() < MIN_EDGES:
             return Failure("The mark's outline is not there.")
@@ -153,20 +156,18 @@ def _outline(template: Weights, half_way: bool) -> tuple[Points, Points]:
     points = np.column_stack([columns - half, rows - half]).astype(np.float64)
     # To the place on the normal where the drawn step itself is: the same measure on both sides.
     drawn, places = template.astype(np.float32), points + half + 0.5
-    offsets, height = steps_of_gray(drawn, places, normals, half_way)
+    offsets, height = steps_of_gray(spline_of(drawn), places, normals, half_way)
     sure = height > 0
     return (points + offsets[:, None] * normals)[sure], normals[sure]
 
 
 def steps_of_gray(
-    window: Gray, points: Points, normals: Points, half_way: bool, reach: float = REACH_PX
+    spline: Spline, points: Points, normals: Points, half_way: bool, reach: float = REACH_PX
 ) -> tuple[Float64[np.ndarray, "edges"], Float64[np.ndarray, "edges"]]:
     """How far along its normal each step lies, and its height over the usual; 0 if not seen."""
     along = np.arange(-reach - BEYOND_PX, reach + BEYOND_PX + STEP_PX / 2, STEP_PX)
-    columns = points[:, :1] + normals[:, :1] * along - 0.5
-    rows = points[:, 1:] + normals[:, 1:] * along - 0.5
-    # `cv2.remap` knows only 32 places within a pixel.
-    profile = map_coordinates(window, [rows, columns], np.float64, order=3, mode="nearest")
+    columns, rows = (points[:, k, None] + normals[:, k, None] * along for k in (0, 1))
+    profile = gray_between(spline, columns, rows)
     slope = np.maximum(np.diff(profile, axis=1), 0.0)
     middle = (along[1:] + along[:-1]) / 2
     # Nearness decides between the two sides of a thin line.

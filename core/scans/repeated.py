@@ -18,7 +18,7 @@ from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
 from core.geometry.robust import TINY
 from core.raster.scan_file import ScanFile, photo_id_of
-from core.scans.candidates import FLAT, SearchWindow
+from core.scans.candidates import FLAT, SearchWindow, Sought, Wanted
 from core.scans.centring import (
     Centre,
     border_axis,
@@ -267,7 +267,8 @@ def repeated_marks(
         for figure in (*_standing_out(fields[k], k, half, cell_mm), *_symmetric(window, k, half))
         if _lies_in(scan, window.at(figure.column, figure.row), FIGURE_MM / pixel_mm)
     ]
-    alike = {one: _repeated(one, windows, fields, half) for one in figures}
+    sought = [Sought(field) for field in fields]
+    alike = {one: _repeated(one, windows, sought, half) for one in figures}
     best = sorted((f for f in figures if alike[f] > LEAST_ALIKE), key=lambda f: -alike[f])
     best = best[: LOOKED_AT * TRIED]
     middle = {one: _middle(one, windows[one.window].gray, cell_mm) for one in best}
@@ -408,14 +409,14 @@ def _standing_out(field: Field, window: int, half: int, cell_mm: float) -> list[
 
 
 def _repeated(
-    figure: _Figure, windows: Sequence[SearchWindow], fields: Sequence[Field], half: int
+    figure: _Figure, windows: Sequence[SearchWindow], fields: Sequence[Sought], half: int
 ) -> float:
     """How alike the two most alike of the opposite places are, on average."""
     row, column = figure.row, figure.column
-    own = fields[figure.window][row - half : row + half + 1, column - half : column + half + 1]
+    own = fields[figure.window].gray[row - half : row + half + 1, column - half : column + half + 1]
     values = sorted(
         max(
-            float(cv2.matchTemplate(fields[k], one, cv2.TM_CCOEFF_NORMED).max())
+            float(fields[k].correlated(Wanted(one)).max())
             for one in _turned(own, (k - figure.window) % 4, windows[k].outward)
         )
         for k in range(len(windows))
