@@ -1,6 +1,6 @@
 """Marks where a certificate has them: of a listed kind, else of any kind that lies so."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,9 +8,12 @@ from core.doubts import Doubt, Failure
 from core.geometry.camera import Camera
 from core.geometry.transforms import PlaneTransform, apply_affine, fit_similarity
 from core.raster.scan_file import ScanFile, photo_id_of
-from core.scans.constellation import FIT_MM, LARGEST_SCALE, expected_places
+from core.said import say
+from core.scans.chance import BORDER_TURN_DEG
+from core.scans.constellation import FIT_MM, LARGEST_SCALE, LIBRARY, expected_places
 from core.scans.corner_sets import LEAST_MARKS
 from core.scans.fiducials import (
+    GUESSED,
     measure_fiducials,
     measure_unknown_fiducials,
     quarters_of,
@@ -18,9 +21,18 @@ from core.scans.fiducials import (
     renamed_doubt,
 )
 from core.scans.film_area import FilmArea
-from core.scans.judging import FiducialSet, doubtful_mark, places_of
-from core.scans.naming import CORNERS, SIDES, lying
+from core.scans.judging import (
+    SCALE_OFF,
+    FiducialSet,
+    certified_places,
+    doubtful_mark,
+    places_of,
+)
+from core.scans.naming import CORNERS, SIDES, lying, small_turn
 from core.scans.repeated import with_repeated
+
+TURNS = 3.0  # design: three sigmas
+"""Turn of marks against the picture's border, in what is usual, that it does not explain."""
 
 
 def measure_certified(
@@ -28,7 +40,9 @@ def measure_certified(
 ) -> tuple[FiducialSet, FiducialSet]:
     """The certified marks of a scan, and those that were found where no listed kind lies so.
 
-    Certificates say where marks lie, not what they look like.
+    Certificates say where marks lie, not what they look like. What stands beside every mark of a
+    square of them lies as certified as well, only enlarged and turned. So what much is like is
+    taken there only where no marks lie better, and is doubted.
 
     Args:
         scan: The scan.
@@ -37,17 +51,75 @@ def measure_certified(
         area: The exposed picture.
     """
     measured = measure_fiducials(scan, camera, pixel_mm, area)
-    if len(measured.marks) >= LEAST_MARKS:
+    laid = _laid(measured, camera, pixel_mm, area)
+    guessed = any(mark.kind in GUESSED for mark in measured.marks)
+    if laid is not None and not (guessed and laid.odd):
         return measured, FiducialSet((), ())
     unnamed = replace(camera, fiducials_mm={})
-    others = measure_unknown_fiducials(scan, unnamed, pixel_mm, area)
+    # What was guessed is not what is looked for now.
+    kinds = LIBRARY if laid is None else tuple(k for k in LIBRARY if k.shape not in GUESSED)
+    others = measure_unknown_fiducials(scan, unnamed, pixel_mm, area, kinds)
     others = with_repeated(scan, unnamed, pixel_mm, area, others)
     for places in (CORNERS | SIDES, CORNERS, SIDES):
         marks = tuple(mark for mark in others.marks if mark.name in places)
         named = _as_certified(scan, replace(others, marks=marks), camera, pixel_mm, area)
-        if named is not None:
+        lies = None if named is None else _laid(named, camera, pixel_mm, area)
+        if named is not None and (laid is None or (lies is not None and not lies.odd)):
             return named, others
-    return measured, others
+    return (measured if laid is None else _doubted(scan, measured, laid)), others
+
+
+@dataclass(frozen=True, slots=True)
+class _Laid:
+    """How a film would lie by its marks."""
+
+    enlarged: float
+    """How much larger it is than nominal, as a share."""
+    turned_deg: float
+    """Its turn against the picture's border, where that was seen, degrees clockwise."""
+
+    @property
+    def odd(self) -> bool:
+        """True where neither film nor borders as they are usually found explain it."""
+        return abs(self.enlarged) > SCALE_OFF or abs(self.turned_deg) > TURNS * BORDER_TURN_DEG
+
+
+def _laid(found: FiducialSet, camera: Camera, pixel_mm: float, area: FilmArea) -> _Laid | None:
+    """How the film lies by marks under their names; None for too few."""
+    if len(found.marks) < LEAST_MARKS:
+        return None
+    film = lying(certified_places(found.marks, camera.fiducials_mm), found.way)
+    put = fit_similarity(film, places_of(found.marks), mirrored=True)
+    if not isinstance(put, PlaneTransform):
+        return None
+    turned = float(np.degrees(small_turn(put) + area.turn)) if area.trusted else 0.0
+    return _Laid(put.scale * pixel_mm - 1, turned)
+
+
+def _doubted(scan: ScanFile, found: FiducialSet, laid: _Laid) -> FiducialSet:
+    """The marks, with a doubt about each that has none."""
+    told = {str(doubt.evidence["fiducial"]) for doubt in found.doubts}
+    doubts = tuple(
+        Doubt(
+            "fiducial-unsure",
+            photo_id_of(scan.path),
+            say(
+                "Fiducial {name}, at column {column:.1f}, row {row:.1f}, lies as certified only "
+                "on a film enlarged by {share:.1f} % and turned by {turned:.1f}° against its "
+                "border: what stands beside the marks lies so, too. Look whether this is its "
+                "point.",
+                name=mark.name,
+                column=mark.column,
+                row=mark.row,
+                share=100 * laid.enlarged,
+                turned=laid.turned_deg,
+            ),
+            evidence={"fiducial": mark.name, "column": mark.column, "row": mark.row},
+        )
+        for mark in found.marks
+        if mark.name not in told
+    )
+    return replace(found, doubts=(*found.doubts, *doubts))
 
 
 def _as_certified(

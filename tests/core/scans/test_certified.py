@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -14,7 +15,7 @@ from core.scans.certified import measure_certified
 from core.scans.fiducials import GUESSED, measure_unknown_fiducials
 from core.scans.film_area import detect_film_area
 from core.scans.judging import FiducialSet
-from tests.core.scans.film_maker import FIDUCIALS, Film, make_film
+from tests.core.scans.film_maker import FIDUCIALS, Film, make_film, write_gray
 
 CAMERA = Camera("little", 60.0, (60.0, 60.0), fiducials_mm=FIDUCIALS)
 SIDES = {"5": (0.0, 27.0), "6": (27.0, 0.0), "7": (0.0, -27.0), "8": (-27.0, 0.0)}
@@ -26,6 +27,12 @@ LOOSE_PX = 0.4
 def doubted(found: FiducialSet) -> set[str]:
     """Names of marks that the operator is told to look at."""
     return {str(doubt.evidence["fiducial"]) for doubt in found.doubts}
+
+
+def _gray(path: Path) -> np.ndarray:
+    gray = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    assert gray is not None
+    return gray
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.93])
@@ -42,6 +49,32 @@ def test_unlisted_marks_are_taken_where_the_certificate_has_them__truth(
         assert len(found.marks) < 3, "one that looks like a mark by chance is no set"
         return
     assert {mark.name for mark in found.marks} == set(truth) == doubted(found)
+    for mark in found.marks:
+        assert np.hypot(*np.subtract(mark.place, truth[mark.name])) < LOOSE_PX
+
+
+@pytest.mark.parametrize("kind", ["chevrons", "dot"])
+def test_dots_beside_marks_are_not_taken_for_them_however_well_they_fit__truth(
+    tmp_path: Path, kind: str
+) -> None:
+    # Dots beside the marks of a square lie as certified as well, enlarged and turned: its marks go
+    # before them, and where there are none they are doubted.
+    turned = {n: 1.012 * complex(*at) * np.exp(2j * np.pi / 180) for n, at in FIDUCIALS.items()}
+    beside = {name: (at.real, at.imag) for name, at in turned.items()}
+    path, film = tmp_path / "film.tif", Film(kind=kind)
+    dots = make_film(path, replace(film, kind="dot", fiducials=beside), 1)
+    truth = dots
+    if kind != "dot":
+        gray, truth = _gray(path), make_film(path, film, 1)
+        both = _gray(path)
+        for column, row in dots.values():
+            part = (slice(int(row) - 9, int(row) + 9), slice(int(column) - 9, int(column) + 9))
+            both[part] = gray[part]
+        write_gray(path, both)
+    scan = open_scan(path)
+    area = detect_film_area(scan, CAMERA, PIXEL_MM)
+    found, _ = measure_certified(scan, CAMERA, PIXEL_MM, area)
+    assert {mark.name for mark in found.marks} == set(dots) == doubted(found)
     for mark in found.marks:
         assert np.hypot(*np.subtract(mark.place, truth[mark.name])) < LOOSE_PX
 
