@@ -111,8 +111,7 @@ class Spot:
 
     def within(self, column: float, row: float) -> tuple[float, float]:
         """A place of the scan in the window."""
-        at = (column - self.corner[0], row - self.corner[1])
-        return at[0] / self.reduction, at[1] / self.reduction
+        return (column - self.corner[0]) / self.reduction, (row - self.corner[1]) / self.reduction
 
     def placed(self, found: TwoWays) -> TwoWays:
         """What was measured in the window, in the scan."""
@@ -348,7 +347,12 @@ def _measured(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Fail
             return alike
         near = replace(spot, start=(alike.column, alike.row), corner=(0, 0), reduction=1)
         met = measure_corner(near, edges, OFF_MM, pixel_mm)
-        return alike if isinstance(met, Failure) else replace(met, correlation=alike.correlation)
+        if isinstance(met, Failure):
+            return alike
+        # Edges know nothing of the picture beside them, grays more of noise: each by its variance.
+        ways = np.array([(one.column, one.row, one.sigma_px) for one in (met, alike)])
+        column, row = np.average(ways[:, :2], axis=0, weights=1 / (ways[:, 2] ** 2 + TINY)).tolist()
+        return replace(met, column=column, row=row, correlation=alike.correlation)
     matched = match_mark(spot.gray, spot.start, OFF_MM / pixel_mm + 2, template)
     if isinstance(matched, Failure):
         return matched
@@ -394,9 +398,8 @@ def _notch(spot: Spot, fitted: FittedMark, pixel_mm: float) -> TwoWays | Failure
     first = centre_by_edges(spot.gray, spot.start, limit_px, outline, notch=True)
     if isinstance(first, Failure):
         return first
-    start = (first.column, first.row)
     drawn = partial(fitted.drawn, spot.outward, pixel_mm, 0.0)
-    second = centre_by_sides(spot.gray, start, limit_px, drawn)
+    second = centre_by_sides(spot.gray, (first.column, first.row), limit_px, drawn)
     if isinstance(second, Failure):
         return second
     likeness = second.correlation if fitted.bright else -second.correlation
