@@ -291,7 +291,7 @@ def _looked_at(gray: Gray, place: tuple[float, float], cell_mm: float) -> Weight
     return sample_about(gray, np.array(place), 2 * int(np.ceil(LOOKED_MM / cell_mm)) + 1)
 
 
-@lru_cache(maxsize=8)
+@lru_cache
 def _about(side: int) -> tuple[Weights, Weights]:
     """Directions from the middle of a patch, and the weights of its disc."""
     axis = np.arange(side) - side // 2
@@ -471,7 +471,7 @@ def _line(
     return turn, float(solution[0]), variance
 
 
-@lru_cache(maxsize=64)
+@lru_cache
 def _pairs_of(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Every pair of so many steps."""
     return np.triu_indices(count, 1)
