@@ -33,7 +33,12 @@ from core.mosaic.radiometry import FilmPlane, film_plane
 from core.mosaic.seam_cut import SeamGuides
 from core.mosaic.seam_edits import SeamEdit, with_edits
 from core.mosaic.seam_fit import SeamFit, fit_seams
-from core.mosaic.seams import Seam, read_edited, read_seams
+from core.mosaic.seams import (
+    Area,
+    Seam,
+    read_edited,
+    read_seams,
+)
 from core.orthos.rectification import OrthoProduct
 from core.progress import Progress, Work
 from core.raster.dem import open_dem
@@ -71,8 +76,8 @@ def make_mosaic(
 ) -> MosaicProduct:
     """The mosaic of the orthos, unless it is fresh.
 
-    Seams that were edited in `seams.gpkg` hold and are not written over; without the file they are
-    drawn. Only tiles are composed of which an ortho, its tone or a seam has changed.
+    Seams edited in `seams.gpkg` hold, but for ground that their photo does not show; without the
+    file they are drawn. Only tiles are composed of which an ortho, its tone or a seam has changed.
 
     Args:
         session: Where results are kept.
@@ -89,14 +94,13 @@ def make_mosaic(
     options = MosaicOptions(balance=project.ortho.balance)
     edited = _edited(session, seams)
     hand = ByHand(standing_seam_edits(session.decisions()))
-    wanted = [list(orthos), options, edited, *([hand.edits] if hand.edits else [])]
-    inputs = products.digest_of("mosaic", 7, *wanted, *_looked_at(project))
+    wanted = (list(orthos), options, edited, *hand.if_any, *_looked_at(project))
+    inputs = products.digest_of("mosaic", 7, *wanted)
     kept = None if anew else products.load_value("mosaic", products.digest_of(inputs, target))
     if kept is not None and seams.is_file():
         return kept
     grid, names = mosaic_grid(orthos), [ortho.photo_id for ortho in orthos]
     mine = None if edited is None else read_edited(seams, project.block.crs, names)
-    tiles = None if anew else products.load_value(TILES, products.digest_of(target))
     guides = seam_guides(project, grid.bounds)
     drawing = whole_file(seams) if mine is None else nullcontext(None)
     with drawing as seams_part, whole_file(target) as mosaic_part:
@@ -109,7 +113,7 @@ def make_mosaic(
             dates=project.taken,
             guides=guides,
             planes=film_planes(session, names),
-            former=None if tiles is None else FormerMosaic(target, tiles),
+            former=None if anew else _former(products, target),
             stamps={ortho.photo_id: products.digest_of(ortho.path) for ortho in orthos},
             redraw=hand,
             like=_like(project, names),
@@ -119,9 +123,14 @@ def make_mosaic(
         if seams_part is not None:
             _remember_drawn(session, seams_part)
     products.save_value(SEAMS_DRAWN, inputs, (hand.before, hand.edits))
-    notes = (*_far_buildings(project, guides), *product.notes)
-    holes = _on_ground(product.holes, project)
-    return _kept(products, inputs, replace(product, path=target, notes=notes, holes=holes))
+    told = replace(product, path=target, notes=(*_far_buildings(project, guides), *product.notes))
+    return _kept(products, inputs, replace(told, holes=_on_ground(product.holes, project)))
+
+
+def _former(products: Products, path: Path) -> FormerMosaic | None:
+    """The mosaic on disk, where the digests of its tiles are known."""
+    tiles = products.load_value(TILES, products.digest_of(path))
+    return None if tiles is None else FormerMosaic(path, tiles)
 
 
 def _looked_at(project: Project) -> tuple[Any, ...]:
@@ -164,11 +173,17 @@ class ByHand:
     def __init__(self, edits: tuple[SeamEdit, ...]) -> None:
         self.edits = edits
         self.before: tuple[Seam, ...] = ()
+        self.shown: Mapping[str, Area] = {}
 
-    def __call__(self, seams: tuple[Seam, ...]) -> tuple[Seam, ...]:
+    def __call__(self, seams: tuple[Seam, ...], shown: Mapping[str, Area]) -> tuple[Seam, ...]:
         """The seams after the edits."""
-        self.before = seams
-        return with_edits(seams, self.edits)
+        self.before, self.shown = seams, shown
+        return with_edits(seams, self.edits, shown)
+
+    @property
+    def if_any(self) -> tuple[tuple[SeamEdit, ...], ...]:
+        """The edits, where there are any: without, digests stay those of a mosaic without."""
+        return (self.edits,) if self.edits else ()
 
 
 def check_guides(project: Project) -> tuple[str, ...]:

@@ -20,11 +20,11 @@ from shapely import STRtree
 from shapely.geometry import box
 
 from core.mosaic.blending import cells_about, spread, tone_corrections
-from core.mosaic.drawing import FEATHER_PX, balanced, lay_seams, read_overviews
+from core.mosaic.drawing import FEATHER_PX, balanced, lay_seams, read_overviews, shown_ground
 from core.mosaic.layers import Layers, OrthoFiles, common_crs_and_depth
 from core.mosaic.radiometry import Balance, FilmPlane
 from core.mosaic.seam_cut import SeamGuides
-from core.mosaic.seams import EditedSeams, Seam, write_seams
+from core.mosaic.seams import Area, EditedSeams, Seam, write_seams
 from core.orthos.rectification import COMPRESSION_LEVEL, OrthoProduct
 from core.progress import SILENT, Part, Progress
 from core.raster.grid import (
@@ -103,6 +103,8 @@ class MosaicProduct:
     """How many of its tiles were composed now; the rest was taken over."""
     notes: tuple[str, ...] = ()
     """What was done to edited seams."""
+    shown: Mapping[str, Area] = field(default_factory=dict[str, Area])
+    """The ground that each photo shows, by photo; empty where that is not known."""
 
 
 COG = {
@@ -138,8 +140,13 @@ class _Work:
 
 Labels = Int32[np.ndarray, "_ _"]
 """Index of the ortho that shows each pixel or cell, -1 for none."""
-Redraw = Callable[[tuple[Seam, ...]], Sequence[Seam]]
-"""What is done to seams before the mosaic is composed by them."""
+Redraw = Callable[[tuple[Seam, ...], Mapping[str, Area]], Sequence[Seam]]
+"""What is done to seams before the mosaic is composed by them, with what each photo shows."""
+
+
+def _as_laid(seams: tuple[Seam, ...], _shown: Mapping[str, Area]) -> Sequence[Seam]:
+    """The seams as they are."""
+    return seams
 
 
 def mosaic_grid(orthos: Sequence[OrthoProduct]) -> Grid:
@@ -163,7 +170,7 @@ def compose_mosaic(
     planes: Mapping[str, FilmPlane] | None = None,
     former: FormerMosaic | None = None,
     stamps: Mapping[str, str] | None = None,
-    redraw: Redraw = tuple,
+    redraw: Redraw = _as_laid,
     like: Ortho | str = "",
     options: MosaicOptions | None = None,
     progress: Progress = SILENT,
@@ -191,11 +198,13 @@ def compose_mosaic(
     scale = float(np.iinfo(dtype).max)
     overviews = read_overviews(orthos, grid, scale, Part(progress, 0.0, READ))
     balances = balanced(orthos, overviews, planes, scale, like if options.balance else None)
+    shown = shown_ground(overviews)
     if seams is None or isinstance(seams, EditedSeams):
         seams, notes = lay_seams(
             overviews,
             balances,
             scale,
+            shown,
             edited=seams,
             dates=dates,
             guides=guides,
@@ -203,12 +212,12 @@ def compose_mosaic(
             progress=Part(progress, READ, LAID),
         )
     overviews.clear()
-    seams, even = redraw(tuple(seams)), not options.feather_only
-    work = _prepare(orthos, grid, seams, balances, dtype, former, stamps, even)
+    laid = redraw(tuple(seams), shown)
+    work = _prepare(orthos, grid, laid, balances, dtype, former, stamps, not options.feather_only)
     if seams_path is not None:
         write_seams(work.seams, seams_path, crs)
     covered = _write(work, path, crs, options, Part(progress, LAID, 1.0))
-    return _product(work, path, covered, notes, planes or {})
+    return replace(_product(work, path, covered, notes, planes or {}), shown=shown)
 
 
 def _product(

@@ -12,8 +12,8 @@ from core.mosaic.radiometry import (
     toned_as_photo,
     toned_as_reference,
 )
-from core.mosaic.seam_cut import SeamGuides, label_ground
-from core.mosaic.seams import EditedSeams, Seam, fill_gaps, outline_seams
+from core.mosaic.seam_cut import LabelledGround, SeamGuides, label_ground
+from core.mosaic.seams import Area, EditedSeams, Seam, fill_gaps, only_polygons, outline_seams
 from core.orthos.rectification import OrthoProduct
 from core.progress import Progress
 from core.raster.grid import Grid
@@ -34,6 +34,9 @@ LEAST_CELL_PX = 2
 # design: a gigabyte and a half of overviews
 MOST_CELLS = 100_000_000
 """Cells of all photos together; where there are more, they are larger."""
+# design: outlines of neighbours are smoothed together, that of a whole photo alone
+SMOOTHED_CELLS = 1.0
+"""A seam at the edge of a photo may lie so far outside what the photo shows, cells."""
 # design: ten thousand cells for four unknowns of a photo, and grain is averaged away
 BALANCE_CELLS = 128
 """Cells along the longest side of an ortho from which the balance is estimated."""
@@ -57,6 +60,17 @@ def read_overviews(
         overviews.append(read_overview(ortho, side, full_scale))
         progress.report(float(done + 1), float(len(orthos)), "seams and balance")
     return overviews
+
+
+def shown_ground(overviews: Sequence[Overview]) -> dict[str, Area]:
+    """The ground that each photo shows, to two cells, in the block's CRS; small holes closed."""
+    areas: dict[str, Area] = {}
+    for view in overviews:
+        labels = np.where(view.shown, 0, -1).astype(np.int16)
+        reach = SMOOTHED_CELLS * view.grid.ground_sample_distance_m
+        for seam in outline_seams(LabelledGround(view.grid, labels), [view.photo_id]):
+            areas[view.photo_id] = only_polygons(seam.area.buffer(reach, join_style="mitre"))
+    return areas
 
 
 def balanced(
@@ -86,6 +100,7 @@ def lay_seams(
     overviews: Sequence[Overview],
     balances: Mapping[str, Balance],
     full_scale: float,
+    shown: Mapping[str, Area],
     *,
     edited: EditedSeams | None,
     dates: Mapping[str, str] | None,
@@ -99,7 +114,9 @@ def lay_seams(
         overviews: The orthos in small.
         balances: Their tones.
         full_scale: Largest gray value.
-        edited: Seams of the user's; only what they leave open is laid.
+        shown: The ground that each photo shows.
+        edited: Seams of the user's; only what they leave open, or give to a photo that does not
+            show it, is laid.
         dates: Date of each photo.
         guides: Buildings and roads.
         by_nadir: Lay seams midway between nadirs.
@@ -111,7 +128,7 @@ def lay_seams(
     drawn = outline_seams(ground, [view.photo_id for view in views], dates)
     if edited is None:
         return drawn, ()
-    filled = fill_gaps(edited, drawn)
+    filled = fill_gaps(edited, drawn, shown)
     return filled.seams, filled.notes
 
 

@@ -50,6 +50,11 @@ class Overview:
         """Cells with at least one valid pixel."""
         return np.asarray(self.share > 0)
 
+    @property
+    def shown(self) -> Mask:
+        """Cells of which anything is shown, small holes closed."""
+        return self.touched | _without_small_holes(self.full)
+
     def coarser(self, factor: int) -> "Overview":
         """The same in cells `factor` times as large; cells still coincide between orthos."""
         step = self.grid.ground_sample_distance_m * factor

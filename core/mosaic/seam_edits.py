@@ -4,7 +4,7 @@ Seams are a partition: no two overlap, and nothing that a photo shows is left ou
 ground from one part to another, so a partition stays one and covers what it covered.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -59,25 +59,78 @@ SeamEdit = SeamLine | SeamArea
 """One change of the seams by hand."""
 
 
-def with_edits(seams: Sequence[Seam], edits: Sequence[SeamEdit]) -> tuple[Seam, ...]:
+def with_edits(
+    seams: Sequence[Seam], edits: Sequence[SeamEdit], shown: Mapping[str, Area] | None = None
+) -> tuple[Seam, ...]:
     """The seams after some edits, one after the other; one that no longer applies changes nothing.
 
     Args:
         seams: A partition of what the photos show.
         edits: In the order they were made.
+        shown: As for `apply_edit`.
     """
     changed = tuple(seams)
     for edit in edits:
-        done = apply_edit(changed, edit)
+        done = apply_edit(changed, edit, shown)
         changed = changed if isinstance(done, Failure) else done
     return changed
 
 
-def apply_edit(seams: Sequence[Seam], edit: SeamEdit) -> tuple[Seam, ...] | Failure:
-    """The seams after one edit, or why it changes nothing."""
+def apply_edit(
+    seams: Sequence[Seam], edit: SeamEdit, shown: Mapping[str, Area] | None = None
+) -> tuple[Seam, ...] | Failure:
+    """The seams after one edit, or why it changes nothing.
+
+    Args:
+        seams: A partition.
+        edit: The edit.
+        shown: The ground that each photo shows, which alone it can be given; a photo that is not
+            there shows all it is given.
+    """
     if isinstance(edit, SeamLine):
-        return follow_line(seams, edit.first, edit.second, edit.line)
-    return give_area(seams, edit.photo_id, edit.outline)
+        done = follow_line(seams, edit.first, edit.second, edit.line)
+    else:
+        done = give_area(seams, edit.photo_id, edit.outline)
+    if isinstance(done, Failure):
+        return done
+    refused = [unshown_ground(old, new, shown or {}) for old, new in zip(seams, done, strict=True)]
+    if sum(area.area for area in refused) <= LEAST_M2:
+        return done
+    kept = _given_back(seams, done, refused)
+    if changed_ground(seams, kept).area <= LEAST_M2:
+        return Failure("The photo shows nothing of that ground.")
+    return kept
+
+
+def refused_ground_m2(seams: Sequence[Seam], edit: SeamEdit, shown: Mapping[str, Area]) -> float:
+    """How much ground an edit means to give to a photo that does not show it, square metres."""
+    done = apply_edit(seams, edit)
+    if isinstance(done, Failure):
+        return 0.0
+    refused = (unshown_ground(old, new, shown) for old, new in zip(seams, done, strict=True))
+    return float(sum(area.area for area in refused))
+
+
+def unshown_ground(old: Seam, new: Seam, shown: Mapping[str, Area]) -> Area:
+    """What a photo won in its new part though it does not show it."""
+    ground = shown.get(new.photo_id)
+    if ground is None or new.area is old.area:
+        return Polygon()
+    return _polygons(new.area.difference(old.area).difference(ground))
+
+
+def _given_back(
+    before: Sequence[Seam], after: Sequence[Seam], refused: Sequence[Area]
+) -> tuple[Seam, ...]:
+    """The parts after an edit, with what each photo is refused back with whose it was."""
+    total = shapely.union_all(refused)
+    return tuple(
+        replace(
+            new,
+            area=_polygons(_exchanged(new.area, lost, _polygons(old.area.intersection(total)))),
+        )
+        for old, new, lost in zip(before, after, refused, strict=True)
+    )
 
 
 def give_area(seams: Sequence[Seam], photo_id: str, outline: Places) -> tuple[Seam, ...] | Failure:

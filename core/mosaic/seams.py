@@ -196,13 +196,20 @@ def read_edited(path: Path, crs: str, photo_ids: Sequence[str]) -> EditedSeams:
     return EditedSeams(seams, tuple(notes))
 
 
-def fill_gaps(edited: EditedSeams, drawn: Sequence[Seam]) -> EditedSeams:
+def fill_gaps(
+    edited: EditedSeams, drawn: Sequence[Seam], shown: Mapping[str, Area] | None = None
+) -> EditedSeams:
     """Edited seams, with what they leave open given to the photo that usual seams give it to.
+
+    So is what they give to a photo that does not show it.
 
     Args:
         edited: Seams that do not overlap.
         drawn: Seams over all that the photos show.
+        shown: The ground that each photo shows; one that is not there shows all it is given.
     """
+    claimed = shapely.union_all([seam.area for seam in edited.seams])
+    edited = _only_shown(edited, drawn, shown or {})
     taken = shapely.union_all([seam.area for seam in edited.seams])
     parts = {seam.photo_id: seam for seam in edited.seams}
     gaps: list[Polygon] = []
@@ -210,7 +217,7 @@ def fill_gaps(edited: EditedSeams, drawn: Sequence[Seam]) -> EditedSeams:
         left = only_polygons(seam.area.difference(taken))
         if left.is_empty:
             continue
-        gaps.extend(shapely.get_parts(left))
+        gaps.extend(shapely.get_parts(only_polygons(left.difference(claimed))))
         own = parts.get(seam.photo_id)
         whole = left if own is None else only_polygons(own.area.union(left))
         date = seam.date if own is None else own.date
@@ -229,6 +236,42 @@ def fill_gaps(edited: EditedSeams, drawn: Sequence[Seam]) -> EditedSeams:
         )
         notes = (*notes, told)
     return EditedSeams(tuple(parts.values()), notes)
+
+
+def unseen(seam: Seam, drawn: Sequence[Seam], shown: Mapping[str, Area]) -> Area:
+    """Ground that a seam gives to its photo though only other photos show it."""
+    ground = shown.get(seam.photo_id, seam.area)
+    beyond = seam.area.difference(ground)
+    return only_polygons(beyond.intersection(shapely.union_all([one.area for one in drawn])))
+
+
+def _only_shown(
+    edited: EditedSeams, drawn: Sequence[Seam], shown: Mapping[str, Area]
+) -> EditedSeams:
+    """Edited seams without what their photos do not show; told where other photos show it."""
+    kept: list[Seam] = []
+    notes = edited.notes
+    for seam in edited.seams:
+        ground = shown.get(seam.photo_id)
+        if ground is None or ground.covers(seam.area):
+            kept.append(seam)
+            continue
+        area = only_polygons(seam.area.intersection(ground))
+        if not area.is_empty:
+            kept.append(Seam(seam.photo_id, seam.date, area))
+        wrong = unseen(seam, drawn, shown)
+        if wrong.area > LEAST_TOLD_M2:
+            place = max(shapely.get_parts(wrong), key=lambda part: part.area).representative_point()
+            told = say(
+                "Edited seams gave {name} {area:.0f} m² that it does not show, the largest part "
+                "about E {east:.0f} N {north:.0f}; a photo that shows it has it.",
+                name=seam.photo_id,
+                area=wrong.area,
+                east=place.x,
+                north=place.y,
+            )
+            notes = (*notes, told)
+    return EditedSeams(tuple(kept), notes)
 
 
 def _layer(path: Path, crs: str) -> tuple[VectorLayer, list[str]]:

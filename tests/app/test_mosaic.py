@@ -99,6 +99,30 @@ def test_edited_seams_hold_and_are_not_written_over__law(block):
     assert read_seams(path)[0].area.equals(drawn.seams[0].area)
 
 
+def test_seams_name_only_photos_that_show_the_ground_and_what_was_edited_stays__truth(block):
+    """The polygon of b is renamed to a, which does not reach its eastern half."""
+    made(block)
+    path = block[1].results / "seams.gpkg"
+    a, b = read_seams(path)
+    write_seams([a, replace(b, photo_id="a")], path, CRS)
+    content = path.read_bytes()
+    found = made(block)
+    (told,) = found.notes
+    assert told.startswith("Edited seams gave a ")
+    assert "that it does not show" in told
+    # The file stays as it was edited; what holds is told with the mosaic.
+    assert path.read_bytes() == content
+    area_of = {seam.photo_id: seam.area for seam in found.seams}
+    # Its eastern edge, to some cells.
+    assert area_of["a"].bounds[2] == pytest.approx(WEST + SIDE, abs=8)
+    assert area_of["b"].bounds[0] == pytest.approx(WEST + SIDE, abs=8)
+    assert sum(area.area for area in area_of.values()) == pytest.approx(a.area.area + b.area.area)
+    # Nothing is made twice.
+    stamp = found.path.stat().st_mtime_ns
+    assert made(block).notes == found.notes
+    assert found.path.stat().st_mtime_ns == stamp
+
+
 def test_a_file_that_a_gis_only_opened_counts_as_drawn__law(block):
     made(block)
     path = block[1].results / "seams.gpkg"

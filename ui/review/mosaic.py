@@ -20,9 +20,10 @@ from core.mosaic.seam_edits import (
     apply_edit,
     changed_ground,
     photos_along,
+    refused_ground_m2,
     with_edits,
 )
-from core.mosaic.seams import Seam
+from core.mosaic.seams import LEAST_TOLD_M2, Seam
 from core.quality.check_plan import CheckPlace
 from core.raster.holes import Hole
 from core.scans.fiducials import HAND_SIGMA_PX
@@ -133,29 +134,33 @@ def seam_from_message(seat_id: str, message: Mapping[str, Any]) -> SeamDrawn:
     return SeamDrawn(seat_id, photo_id, places)
 
 
-def decided_seam(gesture: SeamDrawn, desk: DeskSnapshot) -> SeamEdit | Notice:
-    """The decision of what was drawn, or why it comes to nothing."""
+def decided_seam(gesture: SeamDrawn, desk: DeskSnapshot) -> tuple[SeamEdit | None, Notice | None]:
+    """The decision of what was drawn, and why it comes to nothing or to less than was drawn."""
     mosaic = desk.state.mosaic
     if mosaic is None:
-        return Notice("notice.seam.none")
+        return None, Notice("notice.seam.none")
     if gesture.photo_id:
         edit = SeamArea(gesture.photo_id, gesture.places)
     else:
         pair = photos_along(mosaic.seams, gesture.places)
         if pair is None:
-            return Notice("notice.seam.none")
+            return None, Notice("notice.seam.none")
         edit = SeamLine(*pair, gesture.places)
-    done = apply_edit(mosaic.seams, edit)
+    shown = mosaic.product.shown
+    done = apply_edit(mosaic.seams, edit, shown)
     if isinstance(done, Failure):
-        return Notice("notice.not-done", {"why": done.reason}, grave=True)
-    return edit
+        return None, Notice("notice.not-done", {"why": done.reason}, grave=True)
+    refused = refused_ground_m2(mosaic.seams, edit, shown)
+    if refused <= LEAST_TOLD_M2:
+        return edit, None
+    return edit, Notice("notice.seam.part", {"area": f"{refused:.0f}"})
 
 
 def with_seam_edits(mosaic: ShownMosaic, edits: tuple[SeamEdit, ...]) -> ShownMosaic:
     """The mosaic with the seams that some edits make of those that were drawn."""
     if edits == mosaic.edits:
         return replace(mosaic, seams=mosaic.product.seams, edition=0, changed=None)
-    seams = with_edits(mosaic.drawn, edits)
+    seams = with_edits(mosaic.drawn, edits, mosaic.product.shown)
     changed = changed_ground(mosaic.product.seams, seams)
     if changed.is_empty:
         return replace(mosaic, seams=seams, edition=0, changed=None)

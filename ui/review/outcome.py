@@ -278,8 +278,8 @@ def _mark(
     """A fiducial in use or not, or a draft of its place; what was drawn on scan or mosaic."""
     block = desk.state.block
     if isinstance(gesture, mosaic.SeamDrawn):
-        made = mosaic.decided_seam(gesture, desk)
-        return Outcome(seat, notice=made) if isinstance(made, Notice) else Outcome(seat, (made,))
+        edit, notice = mosaic.decided_seam(gesture, desk)
+        return Outcome(seat, () if edit is None else (edit,), notice=notice)
     if isinstance(gesture, MaskDrawn):
         return Outcome(seat, decided_mask(gesture, block))
     photo = block.photos.get(gesture.photo_id)

@@ -1,5 +1,6 @@
 """Composition of orthos whose content is known."""
 
+import cv2
 import numpy as np
 import pytest
 import rasterio
@@ -13,6 +14,7 @@ from core.mosaic.composition import (
     compose_window,
     mosaic_grid,
 )
+from core.mosaic.drawing import CELL_M
 from core.mosaic.radiometry import FilmPlane
 from core.mosaic.seam_fit import fit_seams
 from core.mosaic.seams import EditedSeams, Seam
@@ -191,9 +193,26 @@ def test_what_edited_seams_leave_open_is_shown_all_the_same__law(block, tmp_path
     edited = EditedSeams((Seam("d", "", shapely.box(west, south, east, north - 500)),), ())
     product = compose(block, tmp_path, seams=edited)
     assert len(product.seams) > 1
-    assert "open" in product.notes[0]
+    assert ["does not show" in note for note in product.notes] == [True, False]
+    assert "open" in product.notes[1]
     shown = compose(block, tmp_path).covered_share
     assert product.covered_share == shown
+
+
+def test_what_a_photo_shows_is_known_to_some_cells__truth(block, tmp_path):
+    product = compose(block, tmp_path)
+    reach = 3 * CELL_M
+    for ortho in block:
+        with rasterio.open(ortho.path) as file:
+            seen = file.read(1) > 0
+        near = cv2.dilate(seen.astype(np.uint8), np.ones((2 * int(reach) + 1,) * 2, np.uint8)) > 0
+        eastings, northings = ortho.grid.centres()
+        inside = shapely.contains_xy(
+            product.shown[ortho.photo_id], eastings[None, :], northings[:, None]
+        )
+        assert not (seen & ~inside).any()
+        assert not (inside & ~near).any()
+        assert (~seen).any()
 
 
 def test_a_hole_names_the_photos_that_leave_it_out__truth(tmp_path):

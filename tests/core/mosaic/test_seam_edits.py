@@ -17,6 +17,7 @@ from core.mosaic.seam_edits import (
     follow_line,
     give_area,
     photos_along,
+    refused_ground_m2,
     with_edits,
 )
 from core.mosaic.seams import Seam
@@ -151,6 +152,38 @@ def test_a_polygon_reaches_no_further_than_the_mosaic__law() -> None:
     after = give_area(four(), "a", at((-50, 90), (250, 90), (250, 400), (-50, 400)))
     assert not isinstance(after, Failure)
     assert is_partition(four(), after)
+
+
+# What each photo shows: a, c and d their own squares and 20 m about them, b all.
+SHOWN = {one.photo_id: one.area.buffer(20, join_style="mitre") for one in four()} | {
+    "b": shapely.union_all([one.area for one in four()])
+}
+
+
+def test_a_photo_is_given_only_ground_that_it_shows__truth() -> None:
+    beyond = SeamArea("a", at((130, 120), (180, 120), (180, 180), (130, 180)))
+    before = four()
+    refused = apply_edit(before, beyond, SHOWN)
+    assert isinstance(refused, Failure)
+    assert "shows nothing" in refused.reason
+    assert with_edits(before, [beyond], SHOWN) == before
+    # 20 m of it are shown; the other 30 m stay with b and, below, with d.
+    across = SeamArea("a", at((90, 60), (150, 60), (150, 160), (90, 160)))
+    after = with_edits(four(), [across], SHOWN)
+    assert is_partition(four(), after)
+    assert owner(after, 110, 150) == owner(after, 95, 90) == owner(after, 110, 90) == "a"
+    assert (owner(after, 130, 150), owner(after, 130, 90), owner(after, 95, 70)) == ("b", "d", "c")
+    assert after[0].area.area == pytest.approx(100 * 100 + 20 * 60 + 30 * 20)
+    # Below what a shows lie 30 x 20 m, beside it 30 x 100 m less that corner's share.
+    assert refused_ground_m2(four(), across, SHOWN) == pytest.approx(60 * 20 + 30 * 80)
+    assert refused_ground_m2(four(), SeamArea("b", across.outline), SHOWN) == 0.0
+
+
+def test_a_line_moves_no_ground_to_a_photo_that_does_not_show_it__truth() -> None:
+    line = SeamLine("a", "b", at((150, 210), (150, 90)))
+    after = with_edits(four(), [line], SHOWN)
+    assert is_partition(four(), after)
+    assert (owner(after, 110, 150), owner(after, 130, 150)) == ("a", "b")
 
 
 @pytest.mark.parametrize(

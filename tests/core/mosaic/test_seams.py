@@ -177,6 +177,22 @@ def test_gaps_are_filled_and_told__truth(tmp_path):
     assert fill_gaps(EditedSeams(drawn, ()), drawn).notes == ()
 
 
+def test_ground_that_a_photo_does_not_show_goes_to_those_that_do_and_is_told__truth(tmp_path):
+    areas = [box(0, 0, 40, 80), box(40, 0, 100, 80)]
+    edited = read_edited(written(tmp_path / "seams.gpkg", ["a", "a"], areas), CRS, NAMES)
+    drawn = (Seam("a", "1938", box(0, 0, 50, 80)), Seam("b", "1939", box(50, 0, 100, 80)))
+    filled = fill_gaps(edited, drawn, {"a": box(0, 0, 60, 80), "b": box(30, 0, 100, 80)})
+    assert [(seam.photo_id, seam.area.area) for seam in filled.seams] == [("a", 4800), ("b", 3200)]
+    assert filled.seams[1].date == "1939"
+    # Nothing was left open: that is not told.
+    (told,) = filled.notes
+    assert "gave a 3200 m² that it does not show" in told
+    assert "E 500080 N 4100040" in told
+    # What lies outside of all photos takes nothing from anybody.
+    outside = EditedSeams((Seam("a", "", box(-50, 0, 60, 80)), drawn[1]), ())
+    assert fill_gaps(outside, drawn, {"a": box(0, 0, 60, 80)}).notes == ()
+
+
 def test_scans_without_an_ortho_are_left_out_and_told__truth(tmp_path):
     path = written(tmp_path / "seams.gpkg", ["a", "x"], [box(0, 0, 50, 80), box(50, 0, 100, 80)])
     found = read_edited(path, CRS, NAMES)

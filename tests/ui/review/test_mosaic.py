@@ -135,6 +135,39 @@ def test_what_is_drawn_beside_the_mosaic_is_refused_with_a_reason__truth(
         assert gesture_from_message("s", message) is None
 
 
+def test_a_photo_is_chosen_only_where_it_shows_the_ground__truth(desk: DeskSnapshot) -> None:
+    mosaic = desk.state.mosaic
+    assert mosaic is not None
+    west, south, seam, north = mosaic.seams[0].area.bounds
+    # The eastern photo shows 100 m beyond the seam.
+    shown = {
+        WEST: mosaic.seams[0].area,
+        EAST: mosaic.seams[1].area.union(shapely.box(seam - 100, south, seam, north)),
+    }
+    product = replace(mosaic.product, shown=shown)
+    state = replace(desk.state, mosaic=replace(mosaic, product=product))
+    now, seat = replace(desk, state=state), Seat("s", "anna")
+
+    def drawn(west: float, east: float) -> SeamDrawn:
+        corners = ((west, south + 100), (east, south + 100), (east, south + 200))
+        return SeamDrawn("s", EAST, (*corners, (west, south + 200)))
+
+    refused = outcome_of(drawn(west + 50, west + 150), seat, now)
+    assert not refused.decisions
+    assert refused.notice is not None
+    assert refused.notice.grave
+    assert "shows nothing of that ground" in refused.notice.values["why"]
+    half = outcome_of(drawn(seam - 200, seam), seat, now)
+    assert half.decisions == (SeamArea(EAST, drawn(seam - 200, seam).places),)
+    assert half.notice == Notice("notice.seam.part", {"area": "10000"})
+    edited = with_seam_edits(replace(mosaic, product=product), half.decisions)
+    assert edited.changed is not None
+    assert edited.changed[0] == pytest.approx(seam - 100)
+    whole = outcome_of(drawn(seam - 90, seam), seat, now)
+    assert whole.notice is None
+    assert whole.decisions
+
+
 def test_edits_are_shown_until_the_file_follows_and_are_gone_when_withdrawn__law(
     desk: DeskSnapshot,
 ) -> None:
