@@ -54,6 +54,7 @@ RESULT_CONTENT = {
     ".zip": "application/zip", ".geojson": "application/geo+json", ".points": "text/plain",
     ".jp2": "image/jp2", ".msk": "image/tiff",
     ".tfw": "text/plain", ".jgw": "text/plain", ".j2w": "text/plain",
+    ".laz": "application/vnd.laszip",
     ".prj": "text/plain", ".opk": "text/plain", ".gcp": "text/plain", ".qgs": "application/xml",
 }  # fmt: skip
 FOLDERS = 2

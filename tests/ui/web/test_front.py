@@ -37,6 +37,7 @@ def inputs(tmp_path):
     (results / "report.html").write_text("<p>report</p>")
     (results / "control_points.csv").write_text("point_id")
     (results / "secret.key").write_text("k")
+    (results / "surface.copc.laz").write_bytes(b"LASF")
     (results / "adjustment.txt").write_text("sigma nought")
     (results / "Ori-InterneScan").mkdir()
     (results / "Ori-InterneScan" / "MeasuresIm-a.tif.xml").write_text("<Global/>")
@@ -114,12 +115,15 @@ def test_pages_have_their_policy_and_nothing_else_is_served__law(inputs):
 def test_results_are_listed_report_first_and_links_are_not_followed__law(inputs):
     with Visitor(inputs) as visitor:
         listed = json.loads(visitor.get("/results/")[1])
-        names = ["report.html", "adjustment.txt", "control_points.csv", "ortho/a.tif"]
+        names = ["report.html", "adjustment.txt", "control_points.csv", "surface.copc.laz"]
+        names += ["ortho/a.tif"]
         names += ["sheets/EPSG-5513/HUST25.tif", "sheets/HUST25.tif"]
         names += ["Ori-InterneScan/MeasuresIm-a.tif.xml"]
         assert [name for name, _ in listed] == names
         ortho, _ = visitor.get("/results/ortho/a.tif")
         assert ortho.headers["Content-Disposition"] == 'attachment; filename="a.tif"'
+        cloud, _ = visitor.get("/results/surface.copc.laz")
+        assert cloud.headers["Content-Type"] == "application/vnd.laszip"
         report, _ = visitor.get("/results/report.html")
         assert "default-src 'none'" in report.headers["Content-Security-Policy"]
         table, body = visitor.get("/results/control_points.csv")
