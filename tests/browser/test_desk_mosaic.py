@@ -394,3 +394,18 @@ def test_an_export_is_taken_from_the_results__truth(sit_at: Sit, real_desk: Real
     page.route("**/export/*", lambda route: route.fulfill(json={}))
     page.click("#export-begin")
     page.wait_for_selector("#export-said:has-text('Cancelled')")
+    # The list that is open is that of now, and what was unfolded stays so.
+    made = [["sheets/EPSG-32633/HUST25.tif", 3], ["export/points.csv", 5]]
+    page.route("**/results/", lambda route: route.fulfill(json=made))
+    told["busy"] = True
+    page.keyboard.press("Escape")
+    page.click("#results-open")
+    page.wait_for_selector(f"#{name}-said:has-text('40')")
+    page.click(".files summary >> text=export/")
+    made[0] = ["sheets/EPSG-32634/HUST25.tif", 3]
+    told["busy"] = False
+    page.wait_for_selector(".files summary >> text=EPSG-32634")
+    assert page.locator(".files summary >> text=EPSG-32633").count() == 0
+    assert page.is_visible("text=points.csv")
+    file = page.get_attribute("#export-said a", "href")
+    assert page.locator(f".files a[href='{file}']").count() == 1

@@ -1,7 +1,9 @@
 // Tables and report, to be opened or taken away.
 import { mosaicButton } from "./mosaic.js";
 import { post } from "./run.js";
-import { again, byId, element, fileSize, focused, renew, sheetHead, start, word } from "./words.js";
+import {
+  again, all, byId, element, fileSize, focused, renew, sheetHead, start, word,
+} from "./words.js";
 
 const state = {
   /** When the report shown was written. */
@@ -26,8 +28,13 @@ export function tellResults({ written_ms: written }) {
   state.written = written;
   if (!before || before === written) return;
   if (state.page && !state.page.closed) state.page.location.reload();
+  listAgain();
+}
+
+/** The list as it is now, where it is open. */
+async function listAgain() {
   const list = document.querySelector("#results[open] .files");
-  if (list) fill(/** @type {HTMLElement} */ (list));
+  if (list) await fill(/** @type {HTMLElement} */ (list));
 }
 
 export function setUpResults() {
@@ -61,6 +68,7 @@ async function fill(list) {
   /** @type {[name: string, bytes: number][]} */
   const files = answer.ok ? await answer.json() : [];
   const folders = [...new Set(files.map(([name]) => folderOf(name)))];
+  const unfolded = all("details[open]", list).map(({ dataset }) => dataset.folder);
   list.removeAttribute("aria-busy");
   list.replaceChildren(
     ...folders.map((folder) => {
@@ -69,7 +77,8 @@ async function fill(list) {
       const said = `${folder}/ (${lines.length})`;
       const [top] = folder.split("/");
       const what = meaning(`results.folder.${top}`);
-      return folder ? element("details", {}, element("summary", {}, said, " ", what), inside)
+      return folder ? element("details", { "data-folder": folder,
+        open: unfolded.includes(folder) }, element("summary", {}, said, " ", what), inside)
         : inside;
     }),
     files.length ? "" : element("p", {}, word("results.none")));
@@ -129,6 +138,7 @@ function working(name, ask, told) {
 
   async function make() {
     const goOn = held(/** @type {HTMLButtonElement} */ (begin));
+    state.busy[name] = true;
     stop.hidden = false;
     said.replaceChildren(word(WORKS[name].making, { share: 0, what: "" }));
     // On a small screen it lies below the edge of the sheet.
@@ -160,8 +170,13 @@ async function watch(name) {
   byId(`${name}-begin`).toggleAttribute("disabled", busy);
   const making = word(WORKS[name].making, { share: Math.round(100 * share), what });
   if (busy) byId(`${name}-said`).replaceChildren(making);
-  else if (state.busy[name]) byId(`${name}-said`).replaceChildren();
+  else if (state.busy[name]) {
+    byId(`${name}-said`).replaceChildren();
+  }
+  const ended = state.busy[name] && !busy;
   state.busy[name] = busy;
+  // What was made is there, and what it took the place of is gone.
+  if (ended) await listAgain();
 }
 
 /** Map sheets of the mosaic. */
