@@ -234,7 +234,7 @@ def test_a_seam_is_drawn_undone_and_drawn_into_the_file__law(
     assert {drawn.first, drawn.second} == {one, two}
     # A pixel of the screen is some metres.
     assert np.abs(np.subtract(drawn.line, corners)).max() < 8
-    assert page.locator("#mosaic-pending").is_visible()
+    assert "Write results" in page.inner_text("#mosaic-pending")
     assert not page.evaluate("gruber.parts.status.adjusting")
     page.keyboard.press("u")
     page.wait_for_function("gruber.mosaicState().found.edition === 0")
@@ -255,6 +255,9 @@ def test_a_seam_is_drawn_undone_and_drawn_into_the_file__law(
     assert isinstance(area, SeamArea)
     assert (area.photo_id, len(area.outline)) == (two, 3)
     version = page.evaluate("gruber.mosaicState().found.version")
+    # The bar's button begins the same, and is called the same.
+    begins = page.locator("#remake-start").text_content()
+    assert page.inner_text("#mosaic-remake") == begins
     page.click("#mosaic-remake")
     page.wait_for_function(
         "was => gruber.mosaicState().found.version > was", arg=version, timeout=3 * PATIENCE_MS

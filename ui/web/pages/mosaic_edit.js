@@ -53,10 +53,13 @@ export function editTools(found, picked) {
     ...(tool === "area" ? [choice] : [])), ...hint);
 }
 
-/** Every edit that stands. @param {Mosaic} found */
-export function editSide({ edition, edits = [] }) {
+/**
+ * Every edit that stands.
+ * @param {Mosaic} found @param {string} button what the button is called that writes the file
+ */
+export function editSide({ edition, edits = [] }, button) {
   const pending = edition ? [element("p", { id: "mosaic-pending", class: "doubted" },
-    word("mosaic.edit.pending"))] : [];
+    word("mosaic.edit.pending", { button }))] : [];
   const title = edits.length || edition ? [element("h3", {}, word("mosaic.edit"))] : [];
   return [...title, ...pending, ...edits.map(line)];
 }

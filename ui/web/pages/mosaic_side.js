@@ -3,6 +3,7 @@ import { faultList, markFault } from "./faults.js";
 import { editSide, editTools } from "./mosaic_edit.js";
 import { isAt } from "./mosaic_marks.js";
 import { sheetSide } from "./mosaic_sheets.js";
+import { remakeName } from "./status.js";
 import {
   element, number, shortName, shortPoint, squareMetres, start, undivided, word,
 } from "./words.js";
@@ -38,7 +39,7 @@ export function mosaicSide(found, picked, status, acts) {
     ...stale(found, status, acts), ...sheetSide(found, acts), ...misfits(found, picked, acts),
     ...place(found, picked, acts),
     ...markFault(picked), ...behind(picked), ...faultList(found, acts.ask, acts.refresh),
-    ...editSide(found),
+    ...editSide(found, word(remakeName(status))),
     ...holes(found, acts),
     element("p", { class: "muted" }, word("mosaic.hint")),
   ];
@@ -55,13 +56,13 @@ function stale(found, status, { remake }) {
     return [element("p", { id: "mosaic-stale", class: "doubted", role: "status" }, share)];
   }
   if (!photos.length && !found.edition && !found.gone) return [];
-  const names = photos.map(shortName).join(", ");
+  const [names, name] = [photos.map(shortName).join(", "), remakeName(status)];
   const moved = photos.length ? [element("p", { id: "mosaic-stale", class: "doubted" },
     word("mosaic.stale", { count: photos.length, names }))] : [];
   const gone = found.gone ? [element("p", { id: "mosaic-gone", class: "doubted" },
     word("mosaic.gone"))] : [];
   return [...gone, ...moved, element("div", {}, element("button", { id: "mosaic-remake",
-    onclick: remake, disabled: start.guest, title: word("remake.tip") }, word("remake")))];
+    onclick: remake, disabled: start.guest, title: word(`${name}.tip`) }, word(name)))];
 }
 
 /** @param {string} name @param {string} value */

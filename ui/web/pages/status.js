@@ -62,6 +62,10 @@ function flash(item) {
   item.classList.add("flash");
 }
 
+/** What the button that makes results again is called: by orthos that wait, or by the writing. */
+export const remakeName = (/** @type {Status | null} */ status) =>
+  (!status || status.stale.length || status.written ? "remake" : "remake.write");
+
 /** @param {Status} status */
 function showMaking({ remaking, stale, written }) {
   const old = stale.length > 0;
