@@ -267,6 +267,39 @@ def test_a_seam_is_drawn_undone_and_drawn_into_the_file__law(
     assert len(page.evaluate("gruber.mosaicState().found.edits")) == 2
 
 
+def test_an_area_is_for_the_photo_below_the_pointer_and_is_ended_by_it__law(
+    sit_at: Sit, real_desk: RealDesk
+) -> None:
+    page = sit_at(real_desk.desk.url, scene=False)
+    open_mosaic(page)
+    parts = page.evaluate("gruber.mosaicState().found.seams.map(one => [one.photo, one.label])")
+    assert len(parts) > 1
+    for photo, label in (parts[0], parts[-1]):
+        page.mouse.move(*on_screen(page, "right", label))
+        page.keyboard.press("p")
+        page.wait_for_selector("[data-tool=area].on")
+        assert page.input_value("#mosaic-photo-of") == photo
+        page.keyboard.press("p")
+    photo, label = parts[0]
+    page.keyboard.press("p")
+    x, y = on_screen(page, "right", label)
+    page.mouse.click(x, y)
+    page.mouse.click(x + 60, y)
+    # The first corner says whose it is, until a hand does.
+    assert page.input_value("#mosaic-photo-of") == photo
+    told = page.locator("#mosaic-tools [role=status]")
+    hint = told.inner_text()
+    page.keyboard.press("Enter")
+    assert told.inner_text() != hint
+    before = len(real_desk.session.decisions())
+    page.mouse.dblclick(x, y + 60)
+    page.wait_for_function("gruber.mosaicState().edit.places.length === 0")
+    page.wait_for_function("gruber.mosaicState().found.edits.length > 0")
+    drawn = real_desk.session.decisions()[before].decision
+    assert isinstance(drawn, SeamArea)
+    assert (drawn.photo_id, len(drawn.outline)) == (photo, 3)
+
+
 def test_without_a_mosaic_the_sheet_says_what_to_do__law(sit_at: Sit, desk: Any) -> None:
     page = sit_at(desk.url, scene=False)
     page.keyboard.press("Shift+O")
@@ -381,22 +414,6 @@ def test_long_work_is_seen_and_cancelled_whoever_opens_the_results__law(
         page.click(f"#{name}-cancel")
     told["busy"] = False
     page.wait_for_selector(f"#{name}-begin:not([disabled])")
-    assert page.is_hidden(f"#{name}-cancel")
-    assert page.inner_text(f"#{name}-said") == ""
-
-
-def test_an_export_is_taken_from_the_results__truth(sit_at: Sit, real_desk: RealDesk) -> None:
-    page = sit_at(real_desk.desk.url, scene=False, size={"width": 1366, "height": 768})
-    page.click("#results-open")
-    page.click("#export-begin")
-    page.wait_for_selector("#export-said a[href^='/results/export/']")
-    # What came of it lay below the edge of the sheet.
-    said, sheet = (page.locator(name).bounding_box() for name in ("#export-said", "#results"))
-    assert said["y"] + said["height"] <= sheet["y"] + sheet["height"]
-    assert page.is_hidden("#export-cancel")
-    page.route("**/export/*", lambda route: route.fulfill(json={}))
-    page.click("#export-begin")
-    page.wait_for_selector("#export-said:has-text('Cancelled')")
     # The list that is open is that of now, and what was unfolded stays so.
     made = [["sheets/EPSG-32633/HUST25.tif", 3], ["export/points.csv", 5]]
     page.route("**/results/", lambda route: route.fulfill(json=made))
@@ -410,5 +427,21 @@ def test_an_export_is_taken_from_the_results__truth(sit_at: Sit, real_desk: Real
     page.wait_for_selector(".files summary >> text=EPSG-32634")
     assert page.locator(".files summary >> text=EPSG-32633").count() == 0
     assert page.is_visible("text=points.csv")
+    assert page.is_hidden(f"#{name}-cancel")
+    assert page.inner_text(f"#{name}-said") == ""
+
+
+def test_an_export_is_taken_from_the_results__truth(sit_at: Sit, real_desk: RealDesk) -> None:
+    page = sit_at(real_desk.desk.url, scene=False, size={"width": 1366, "height": 768})
+    page.click("#results-open")
+    page.click("#export-begin")
+    page.wait_for_selector("#export-said a[href^='/results/export/']")
+    # What came of it lay below the edge of the sheet.
+    said, sheet = (page.locator(name).bounding_box() for name in ("#export-said", "#results"))
+    assert said["y"] + said["height"] <= sheet["y"] + sheet["height"]
+    assert page.is_hidden("#export-cancel")
     file = page.get_attribute("#export-said a", "href")
     assert page.locator(f".files a[href='{file}']").count() == 1
+    page.route("**/export/*", lambda route: route.fulfill(json={}))
+    page.click("#export-begin")
+    page.wait_for_selector("#export-said:has-text('Cancelled')")

@@ -2,6 +2,9 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
+import {
+  editKey, editState, gripCorner, putCorner, setUpEdit, tapCorner,
+} from "../../ui/web/pages/mosaic_edit.js";
 import { photoAt, roomFor } from "../../ui/web/pages/mosaic_marks.js";
 import { fetchAhead, mosaicLayer } from "../../ui/web/pages/tiles.js";
 import { start } from "../../ui/web/pages/words.js";
@@ -67,4 +70,29 @@ test("words of a place are whole, beside no arrow and over no other words__law",
   const [left, top, right, bottom] = told(roomFor(40, [200, 150], false, size, taken));
   const [a, b, c, d] = taken[0];
   assert.ok(right < a || left > c || bottom < b || top > d);
+});
+
+test("what is drawn too short says so, and loses any corner__law", () => {
+  setUpEdit(() => {});
+  editKey("KeyP", [0, 0]);
+  editKey("Enter", [0, 0]);
+  assert.equal(editState().said, "");
+  for (const corner of [[0, 0], [50, 0], [100, 0]]) putCorner(corner);
+  // The middle one is nearest, though the last was set last.
+  editKey("Delete", [44, 9]);
+  assert.deepEqual(editState().places, [[0, 0], [100, 0]]);
+  editKey("Enter", [0, 0]);
+  assert.equal(editState().said, "mask.few");
+  editKey("Backspace", [0, 0]);
+  assert.deepEqual([editState().places, editState().said], [[[0, 0]], ""]);
+  editKey("KeyL", [0, 0]);
+  putCorner([0, 0]);
+  // A double click sets a corner and ends there.
+  const onScreen = (ground) => ground;
+  assert.ok(gripCorner([3, 3], onScreen));
+  tapCorner();
+  assert.equal(editState().said, "mosaic.edit.line.few");
+  editKey("Escape", [0, 0]);
+  editKey("Escape", [0, 0]);
+  assert.equal(editState().tool, "");
 });

@@ -2,6 +2,7 @@
 import { undoOrRedo } from "./asked.js";
 import {
   drawEdit, dragCorner, dropCorner, editKey, editState, gripCorner, isEditing, putCorner, setUpEdit,
+  tapCorner,
 } from "./mosaic_edit.js";
 import { chooseFault, drawFaults, showThread } from "./faults.js";
 import {
@@ -68,6 +69,7 @@ const HAND = {
     } else if (state.wiping) setShare(screen[0] / pane.size[0]);
     else dragCorner(groundFromLayer(pane.layerFromScreen(screen)));
   },
+  tap: () => state.wiping || tapCorner(),
   click: (pane, screen) => {
     const place = pane.layerFromScreen(screen);
     if (isEditing()) return putCorner(groundFromLayer(place));
@@ -440,7 +442,8 @@ const ACTS = {
  */
 export function mosaicKey(event, letter) {
   const down = event.type === "keydown";
-  const name = { " ": "Space", Escape: "Escape", Backspace: "Backspace" }[event.key] ?? letter;
+  const plain = ["Escape", "Backspace", "Delete"].includes(event.key);
+  const name = event.key === " " ? "Space" : plain ? event.key : letter;
   const { cursor, view } = state;
   if (down && !event.repeat && state.found?.version
     && editKey(name, groundFromLayer(cursor ?? [view.x, view.y]))) return true;
