@@ -170,6 +170,19 @@ def test_axe_finds_nothing_on_the_mosaic_and_all_fits_a_small_screen__oracle(
     assert room.evaluate("room => { room.scrollTo(0, 1e6); return room.scrollTop; }") > 50
     top = room.bounding_box()["y"]
     assert top <= page.locator("[data-tool=line]").bounding_box()["y"] < top + 20
+    # Holes are listed whole: nothing lies over them or below, and one thing scrolls.
+    page.evaluate("""async () => {
+      const { showMosaic } = await import("/pages/mosaic.js");
+      const { found } = gruber.mosaicState();
+      const hole = [...found.bounds.slice(0, 2), 2000, "masked", ["a", "b"]];
+      showMosaic({ ...found, holes: Array(20).fill(hole), hole_count: 20 });
+    }""")
+    room.evaluate("room => room.scrollTo(0, 1e6)")
+    holes = page.locator("#mosaic-holes")
+    assert holes.evaluate("list => list.scrollHeight <= list.clientHeight")
+    last, side = holes.locator("button").last.bounding_box(), room.bounding_box()
+    assert last["y"] + last["height"] <= side["y"] + side["height"]
+    assert page.locator("#mosaic details").last.get_attribute("open") is None
 
 
 def seam_of(page: Any) -> tuple[str, str, list[float]]:

@@ -40,8 +40,8 @@ export function mosaicSide(found, picked, status, acts) {
     ...place(found, picked, acts),
     ...markFault(picked), ...behind(picked), ...faultList(found, acts.ask, acts.refresh),
     ...editSide(found, word(remakeName(status))),
+    folded("mosaic.help", element("p", { class: "muted" }, word("mosaic.hint"))),
     ...holes(found, acts),
-    element("p", { class: "muted" }, word("mosaic.hint")),
   ];
 }
 
@@ -198,5 +198,5 @@ function holes({ holes: found = [], hole_count: count = 0 }, { goTo }) {
   element("span", { class: "muted" }, `${number(east, 0)}  ${number(north, 0)}`),
   element("small", {}, word(`hole.${why}`, { scans: scans.map(shortName).join(", ") }))));
   return [element("h3", {}, word("mosaic.holes", { count })),
-    element("div", { class: "scans" }, ...lines)];
+    element("div", { class: "scans", id: "mosaic-holes" }, ...lines)];
 }
