@@ -33,12 +33,7 @@ from core.mosaic.radiometry import FilmPlane, film_plane
 from core.mosaic.seam_cut import SeamGuides
 from core.mosaic.seam_edits import SeamEdit, with_edits
 from core.mosaic.seam_fit import SeamFit, fit_seams
-from core.mosaic.seams import (
-    Area,
-    Seam,
-    read_edited,
-    read_seams,
-)
+from core.mosaic.seams import Area, Seam, read_edited, read_seams
 from core.orthos.rectification import OrthoProduct
 from core.progress import Progress, Work
 from core.raster.dem import open_dem
@@ -173,11 +168,10 @@ class ByHand:
     def __init__(self, edits: tuple[SeamEdit, ...]) -> None:
         self.edits = edits
         self.before: tuple[Seam, ...] = ()
-        self.shown: Mapping[str, Area] = {}
 
     def __call__(self, seams: tuple[Seam, ...], shown: Mapping[str, Area]) -> tuple[Seam, ...]:
         """The seams after the edits."""
-        self.before, self.shown = seams, shown
+        self.before = seams
         return with_edits(seams, self.edits, shown)
 
     @property

@@ -236,7 +236,12 @@ def toned_as_reference(
     if spread <= 0:
         return balances
     gain = float(np.clip(nmad(theirs.astype(np.float64)) / spread, 1 / MOST_GAIN, MOST_GAIN))
-    return _all_toned(balances, gain, float(np.median(theirs) - gain * np.median(ours)))
+    offset = float(np.median(theirs) - gain * np.median(ours))
+    # In whole steps: one photo that moves a little does not change the tone of all.
+    gain_step, offset_step = STEPS[0], STEPS[1] * full_scale
+    return _all_toned(
+        balances, round(gain / gain_step) * gain_step, round(offset / offset_step) * offset_step
+    )
 
 
 def _all_toned(

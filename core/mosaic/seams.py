@@ -238,7 +238,7 @@ def fill_gaps(
     return EditedSeams(tuple(parts.values()), notes)
 
 
-def unseen(seam: Seam, drawn: Sequence[Seam], shown: Mapping[str, Area]) -> Area:
+def _unseen(seam: Seam, drawn: Sequence[Seam], shown: Mapping[str, Area]) -> Area:
     """Ground that a seam gives to its photo though only other photos show it."""
     ground = shown.get(seam.photo_id, seam.area)
     beyond = seam.area.difference(ground)
@@ -259,7 +259,7 @@ def _only_shown(
         area = only_polygons(seam.area.intersection(ground))
         if not area.is_empty:
             kept.append(Seam(seam.photo_id, seam.date, area))
-        wrong = unseen(seam, drawn, shown)
+        wrong = _unseen(seam, drawn, shown)
         if wrong.area > LEAST_TOLD_M2:
             place = max(shapely.get_parts(wrong), key=lambda part: part.area).representative_point()
             told = say(

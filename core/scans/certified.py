@@ -41,8 +41,8 @@ def measure_certified(
     """The certified marks of a scan, and those that were found where no listed kind lies so.
 
     Certificates say where marks lie, not what they look like. What stands beside every mark of a
-    square of them lies as certified as well, only enlarged and turned. So what much is like is
-    taken there only where no marks lie better, and is doubted.
+    square of them lies as certified as well, only enlarged and turned. Dots and notches, which much
+    of a picture looks like, are taken there only where no marks lie better, and are doubted.
 
     Args:
         scan: The scan.
