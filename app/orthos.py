@@ -57,7 +57,7 @@ def make_orthos(
         camera = block.camera_of(photo.photo_id)
         stage = f"ortho/{photo.photo_id}"
         ground = ground_under(ortho_grid(photo, camera, heights, gsd), dem, project)
-        inputs = digest_of(stage, 4, photo, camera, gsd, (*ground, *corrections), photo.scan)
+        inputs = digest_of(stage, 5, photo, camera, gsd, (*ground, *corrections), photo.scan)
         target = session.results / FOLDER / f"{photo.photo_id}.tif"
         # The file itself counts as well: one that was cut, replaced or removed is made again.
         kept = None if anew else session.products.load_value(stage, digest_of(inputs, target))

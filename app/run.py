@@ -41,6 +41,7 @@ from core.orthos.rectification import footprint_of
 from core.pipeline import STAGES, Stage, made
 from core.progress import Part, Progress, Work
 from core.raster.dem import Dem
+from core.raster.files import count_bands
 from core.raster.ortho import open_ortho
 from core.raster.stand_in import NO_PICTURES
 from core.results import BlockInput, StageResults
@@ -471,7 +472,8 @@ def write_all(session: Session, content: ReportContent, dem: Dem) -> None:
     write_report(session.results, replace(content, footprints=outlines, influence=ahead))
     west, south, east, north = shapely.total_bounds(list(outlines.values())).tolist()
     with whole_file(session.results / QGIS_PROJECT) as temporary:
-        layers = result_layers(f"../{SESSION_FILE}")
+        bands = count_bands(content.mosaic) if content.mosaic else 1
+        layers = result_layers(f"../{SESSION_FILE}", bands)
         write_qgis_project(temporary, content.name, block.crs, layers, (west, south, east, north))
     told = results_digest(content.report)
     if session.products.load_value(WRITTEN, told) is None:

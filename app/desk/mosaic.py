@@ -15,7 +15,6 @@ from app.misfit import known_places
 from app.mosaic import SEAMS_DRAWN, kept_orthos
 from app.project import read_project
 from app.sheets import check_sheets, make_sheets, sheets_line
-from core.arrays import Raster
 from core.errors import Cancelled, ProjectError
 from core.frames import HALF_PIXEL
 from core.geometry.crs import Bounds
@@ -23,7 +22,7 @@ from core.mosaic.blending import REACH_PX
 from core.mosaic.composition import MosaicProduct, compose_window
 from core.mosaic.seam_edits import SeamEdit
 from core.mosaic.seams import Seam
-from core.raster.grid import Grid
+from core.raster.grid import Grid, Pixels
 from core.raster.ortho import Ortho, open_ortho
 from core.sheets.delivery import INDEX
 from sessions.session import RESULTS, Session
@@ -139,11 +138,11 @@ def stretch_of(mosaic: Ortho) -> Stretch | None:
     return fit_stretch(values[None], margin=0)
 
 
-def shown_gray(values: Raster, seen: np.ndarray, stretch: Stretch | None) -> Colour:
-    """Grays of a mosaic as colours of a screen, black only where nothing is seen."""
-    scaled = values if stretch is None else stretch.applied(values)
-    gray = np.where(seen, np.clip(np.rint(scaled), 1, WHITE), 0).astype(np.uint8)
-    return np.repeat(gray[:, :, None], 3, axis=2)
+def shown_as(values: Pixels, seen: np.ndarray, stretch: Stretch | None) -> Colour:
+    """Grays or colours of a mosaic as those of a screen, black only where nothing is seen."""
+    bands = np.repeat(values[:, :, None], 3, axis=2) if values.ndim == 2 else values[:, :, :3]
+    scaled = bands if stretch is None else stretch.applied(bands)
+    return np.where(seen[:, :, None], np.clip(np.rint(scaled), 1, WHITE), 0).astype(np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,7 +167,7 @@ class Stretched:
     def read_colour(self, grid: Grid) -> Colour:
         """Grays as colours on a grid, black only where the mosaic shows nothing."""
         patch = self.mosaic.read(grid)
-        return shown_gray(patch.values, patch.mask, self.stretch)
+        return shown_as(patch.values, patch.mask, self.stretch)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,24 +205,28 @@ class EditedMosaic:
             return colour
         part = whole.covering((*(low - room).tolist(), *(high + room).tolist()))
         values = self._composed(part)
-        return _laid_over(colour, grid, shown_gray(values, values > 0, self.stretch), part)
+        seen = (values if values.ndim == 2 else values[:, :, 0]) > 0
+        return _laid_over(colour, grid, shown_as(values, seen, self.stretch), part)
 
-    def _composed(self, part: Grid) -> Raster:
+    def _composed(self, part: Grid) -> Pixels:
         """A part of the mosaic with the seams as they stand, pieces of it at a time."""
         whole = self.mosaic.product.grid
         corner = whole.grid_from_object(np.array([[part.west, part.north]]))[0]
         column, row = (round(float(value)) for value in corner)
-        values = np.zeros((part.rows, part.columns), dtype=np.float32)
+        strips: list[Pixels] = []
         for down in range(0, part.rows, STRIP_PX):
-            for across in range(0, part.columns, STRIP_PX):
-                size = min(STRIP_PX, part.columns - across), min(STRIP_PX, part.rows - down)
-                values[down : down + size[1], across : across + size[0]] = compose_window(
+            rows = min(STRIP_PX, part.rows - down)
+            pieces = [
+                compose_window(
                     self.mosaic.orthos,
                     self.mosaic.product,
                     self.mosaic.seams,
-                    (column + across, row + down, *size),
+                    (column + across, row + down, min(STRIP_PX, part.columns - across), rows),
                 )
-        return values
+                for across in range(0, part.columns, STRIP_PX)
+            ]
+            strips.append(np.concatenate(pieces, axis=1))
+        return np.concatenate(strips).astype(np.float32)
 
 
 def _laid_over(colour: Colour, grid: Grid, patch: Colour, part: Grid) -> Colour:

@@ -253,12 +253,14 @@ def thumbnail(path: Path) -> str:
     with rasterio.open(path) as file:
         scale = min(1.0, THUMBNAIL_PX / max(file.width, file.height))
         shape = (max(1, round(file.height * scale)), max(1, round(file.width * scale)))
-        values = file.read(1, out_shape=shape, resampling=Resampling.average)
+        wanted = [1, 2, 3] if file.count > 2 else [1]
+        bands = file.read(wanted, out_shape=(len(wanted), *shape), resampling=Resampling.average)
+        values = bands[0] if len(wanted) == 1 else np.moveaxis(bands, 0, -1)
         seen = file.dataset_mask(out_shape=shape) > 0
     levels = np.percentile(values[seen], (0.5, 99.5)) if seen.any() else np.array([0.0, 1.0])
     stretched = (values - levels[0]) / max(float(levels[1] - levels[0]), 1.0) * 255
-    gray = np.where(seen, np.clip(stretched, 0, 255), 255).astype(np.uint8)
-    return jpeg_of(gray)
+    stretched[~seen] = 255
+    return jpeg_of(np.clip(stretched, 0, 255).astype(np.uint8))
 
 
 def under(mosaic: Path, ortho: Ortho) -> str:

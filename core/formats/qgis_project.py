@@ -92,15 +92,15 @@ def session_layers(geopackage: str) -> tuple[ProjectLayer, ...]:
     )
 
 
-def result_layers(geopackage: str) -> tuple[ProjectLayer, ...]:
-    """What there is to see of a block's results, from the top: session, seams, mosaic."""
+def result_layers(geopackage: str, bands: int) -> tuple[ProjectLayer, ...]:
+    """What there is to see of a block's results: session, seams, and a mosaic of some bands."""
     # design: seen over the mosaic at the scale of a block.
     seams, vectors = Style("#d98c00", 0.6, label="scan"), Style("#7b3fa0", 0.4)
     return (
         *session_layers(geopackage),
         ProjectLayer("misfit", f"{geopackage}|layername=misfit", "line", vectors, shown=False),
         ProjectLayer("seams", "seams.gpkg", "polygon", seams, shown=False),
-        ProjectLayer("mosaic", "mosaic.tif", "raster"),
+        ProjectLayer("mosaic", "mosaic.tif", "raster", bands=bands),
     )
 
 

@@ -65,7 +65,11 @@ def cells_about(grid: Grid, part: Grid) -> tuple[Grid, Grid, tuple[int, int]]:
 
 
 def tone_corrections(
-    files: OrthoFiles, labels: Int32[np.ndarray, "rows columns"], cells: Grid, pixels: Grid
+    files: OrthoFiles,
+    labels: Int32[np.ndarray, "rows columns"],
+    cells: Grid,
+    pixels: Grid,
+    band: int = 0,
 ) -> Mapping[int, Float32[np.ndarray, "rows columns"]]:
     """What is added to the balanced grays of each photo, by cell.
 
@@ -74,10 +78,11 @@ def tone_corrections(
         labels: Index of the ortho that the seams give each cell, -1 for none.
         cells: Where the cells lie.
         pixels: The pixels of the same ground.
+        band: Which band, counted from 0.
     """
     present = np.unique(labels[labels >= 0]).tolist()
     step = (int(np.iinfo(files.dtype).max) + 1) / 256 / STEPS
-    tones = {index: _tones(files, index, cells, pixels, step) for index in present}
+    tones = {index: _tones(files, index, (cells, pixels), step, band) for index in present}
     shares = [_shares(labels, present, side) for side in WINDOWS]
     total = {index: np.zeros(labels.shape) for index in present}
     for place, one in enumerate(present):
@@ -87,10 +92,10 @@ def tone_corrections(
             for share, side in zip(shares[::-1], WINDOWS[::-1], strict=True):
                 least = LEAST_SHARE * side**4
                 mean = _sums(apart, side) / np.maximum(_sums(both, side), least)
-                band = mean if finer is None else mean - finer
+                octave = mean if finer is None else mean - finer
                 # Each is drawn towards what the other shows.
-                total[one] += share[other] * band
-                total[other] -= share[one] * band
+                total[one] += share[other] * octave
+                total[other] -= share[one] * octave
                 finer = mean
     return {index: (np.rint(total[index]) * step).astype(np.float32) for index in present}
 
@@ -106,13 +111,14 @@ def spread(
 
 
 def _tones(
-    files: OrthoFiles, index: int, cells: Grid, pixels: Grid, step: float
+    files: OrthoFiles, index: int, grids: tuple[Grid, Grid], step: float, band: int
 ) -> tuple[Whole, Whole]:
     """Balanced means of a photo in whole steps, and 1 where it shows the whole cell."""
-    gray = files.read(index, pixels)
+    cells, pixels = grids
+    gray = files.read(index, pixels, band)
     means = (sums_over_cells(gray, CELL_PX) / CELL_PX**2).astype(np.float32)
     shown = sums_over_cells((gray != NODATA).view(np.uint8), CELL_PX) == CELL_PX**2
-    balance = files.balances[files.orthos[index].photo_id]
+    balance = files.balances[files.orthos[index].photo_id].of_band(band)
     return np.rint(balance.corrected(means, cells) / step).astype(np.float64), shown.astype(
         np.float64
     )

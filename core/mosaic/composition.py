@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -21,7 +20,7 @@ from shapely.geometry import box
 
 from core.mosaic.blending import cells_about, spread, tone_corrections
 from core.mosaic.drawing import FEATHER_PX, balanced, lay_seams, read_overviews, shown_ground
-from core.mosaic.layers import Layers, OrthoFiles, common_crs_and_depth
+from core.mosaic.layers import Kind, Layers, OrthoFiles, common_kind
 from core.mosaic.radiometry import Balance, FilmPlane
 from core.mosaic.seam_cut import SeamGuides
 from core.mosaic.seams import Area, EditedSeams, Seam, write_seams
@@ -127,7 +126,7 @@ class _Work:
     seams: tuple[Seam, ...]
     seam_orthos: tuple[int, ...]
     balances: Mapping[str, Balance]
-    dtype: np.dtype[Any]
+    kind: Kind
     seam_tree: STRtree
     ortho_tree: STRtree
     former: FormerMosaic | None
@@ -194,10 +193,11 @@ def compose_mosaic(
         progress: Told after every ortho and tile.
     """
     options, notes = options or MosaicOptions(), ()
-    crs, dtype = common_crs_and_depth(orthos)
-    scale = float(np.iinfo(dtype).max)
+    kind = common_kind(orthos)
+    scale = float(np.iinfo(kind.dtype).max)
     overviews = read_overviews(orthos, grid, scale, Part(progress, 0.0, READ))
-    balances = balanced(orthos, overviews, planes, scale, like if options.balance else None)
+    toned = like if options.balance else None
+    balances = balanced(orthos, overviews, planes, scale, toned, kind.bands)
     shown = shown_ground(overviews)
     if seams is None or isinstance(seams, EditedSeams):
         seams, notes = lay_seams(
@@ -213,10 +213,10 @@ def compose_mosaic(
         )
     overviews.clear()
     laid = redraw(tuple(seams), shown)
-    work = _prepare(orthos, grid, laid, balances, dtype, former, stamps, not options.feather_only)
+    work = _prepare(orthos, grid, laid, balances, kind, former, stamps, not options.feather_only)
     if seams_path is not None:
-        write_seams(work.seams, seams_path, crs)
-    covered = _write(work, path, crs, options, Part(progress, LAID, 1.0))
+        write_seams(work.seams, seams_path, kind.crs)
+    covered = _write(work, path, options, Part(progress, LAID, 1.0))
     return replace(_product(work, path, covered, notes, planes or {}), shown=shown)
 
 
@@ -249,13 +249,16 @@ def compose_window(
         Gray values in the type of the mosaic, 0 where no photo shows anything.
     """
     with rasterio.open(made.path) as file:
-        dtype = np.dtype(file.dtypes[0])
-    work = _prepare(orthos, made.grid, seams, made.balances, dtype, None, None)
+        kind = Kind(file.crs.to_string(), np.dtype(file.dtypes[0]), file.count)
+    work = _prepare(orthos, made.grid, seams, made.balances, kind, None, None)
     try:
         found = _compose(work, part)
     finally:
         work.files.close()
-    return np.zeros((part[3], part[2]), dtype) if found is None else found
+    if found is not None:
+        return found
+    shape = (part[3], part[2]) if kind.bands == 1 else (part[3], part[2], kind.bands)
+    return np.zeros(shape, kind.dtype)
 
 
 def _explained(holes: Sequence[Hole], planes: Mapping[str, FilmPlane]) -> tuple[Hole, ...]:
@@ -271,14 +274,14 @@ def _explained(holes: Sequence[Hole], planes: Mapping[str, FilmPlane]) -> tuple[
     )
 
 
-def _write(work: _Work, path: Path, crs: str, options: MosaicOptions, progress: Progress) -> int:
+def _write(work: _Work, path: Path, options: MosaicOptions, progress: Progress) -> int:
     """Compose all tiles and write the mosaic; the number of pixels that show the ground."""
     grid = work.grid
     tiles_path = path.with_name(f".{path.name}.tiles.tif")
     try:
         covered = write_tiles(
             tiles_path,
-            tiled_profile(grid, crs, work.dtype.name),
+            tiled_profile(grid, work.kind.crs, work.kind.dtype.name, work.kind.bands),
             {},
             partial(_compose, work),
             tiles=list(_tiles_on_multiples(grid, options.tile_px)),
@@ -300,7 +303,7 @@ def _prepare(
     grid: Grid,
     seams: Sequence[Seam],
     balances: Mapping[str, Balance],
-    dtype: np.dtype[Any],
+    kind: Kind,
     former: FormerMosaic | None,
     stamps: Mapping[str, str] | None,
     even: bool = True,
@@ -316,14 +319,14 @@ def _prepare(
         known,
         tuple(index[seam.photo_id] for seam in known),
         balances,
-        dtype,
+        kind,
         STRtree([seam.area for seam in known]),
         STRtree([box(*ortho.grid.bounds) for ortho in orthos]),
         former,
         stamps or {},
         {},
         [],
-        OrthoFiles(orthos, balances, dtype),
+        OrthoFiles(orthos, balances, kind.dtype),
         even,
     )
 
@@ -363,17 +366,24 @@ def _compose(work: _Work, tile: Tile) -> Pixels | None:
     present = [k for k in near if (labels == k).any()]
     if not present or not (labels[inner] >= 0).any():
         return None
+    bands = range(work.kind.bands)
     if (about != about[:1, :1]).any():
-        for k, correction in tone_corrections(work.files, about, cells, pixels).items():
-            layers.corrections[k] = spread(correction, part, corner)
-    if len(present) == 1:
-        values = layers.toned(present[0])
-    else:
-        values = _blend(layers, labels, present, FEATHER_PX)
-    largest = np.iinfo(work.dtype).max
-    whole = np.clip(np.rint(values), 1, largest).astype(work.dtype)
+        for band in bands:
+            found = tone_corrections(work.files, about, cells, pixels, band)
+            for k, correction in found.items():
+                layers.corrections[k, band] = spread(correction, part, corner)
+    values = [_band(layers, labels, present, band) for band in bands]
+    largest = np.iinfo(work.kind.dtype).max
+    whole = np.clip(np.rint(values[0] if len(bands) == 1 else np.dstack(values)), 1, largest)
     whole[labels < 0] = NODATA
-    return np.ascontiguousarray(whole[inner])
+    return np.ascontiguousarray(whole[inner].astype(work.kind.dtype))
+
+
+def _band(layers: Layers, labels: Labels, present: list[int], band: int) -> np.ndarray:
+    """One band of a tile, of one photo or of several that blend."""
+    if len(present) == 1:
+        return layers.toned(present[0], band)
+    return _blend(layers, labels, present, FEATHER_PX, band)
 
 
 def _digest(work: _Work, tile: Tile, part: Grid, labels: tuple[Labels, Labels]) -> tuple[str, str]:
@@ -383,9 +393,8 @@ def _digest(work: _Work, tile: Tile, part: Grid, labels: tuple[Labels, Labels]) 
         return str(tile), ""
     column, row, columns, rows = tile
     name = f"{corner[0] + column} {corner[1] + row} {columns} {rows}"
-    total = hashlib.sha256(
-        repr((TILE_VERSION, name, work.dtype.name, FEATHER_PX, work.even)).encode()
-    )
+    kind = (work.kind.dtype.name, *([work.kind.bands] if work.kind.bands > 1 else []))
+    total = hashlib.sha256(repr((TILE_VERSION, name, *kind, FEATHER_PX, work.even)).encode())
     # Numbers of orthos change when a photo is added; their order does not.
     ranks = np.full(len(work.orthos) + 1, -1, np.int16)
     near = sorted(
@@ -408,7 +417,8 @@ def _taken_over(path: Path, grid: Grid, tile: Tile) -> Pixels | None:
         gsd = grid.ground_sample_distance_m
         west = round((grid.west - file.transform.c) / gsd) + column
         north = round((file.transform.f - grid.north) / gsd) + row
-        values = file.read(1, window=window_of((west, north, columns, rows)))
+        bands = file.read(window=window_of((west, north, columns, rows)))
+    values = bands[0] if len(bands) == 1 else np.ascontiguousarray(np.moveaxis(bands, 0, -1))
     return values if values.any() else None
 
 
@@ -460,7 +470,11 @@ def _fill(
 
 
 def _blend(
-    layers: Layers, labels: Int32[np.ndarray, "rows columns"], present: list[int], width: int
+    layers: Layers,
+    labels: Int32[np.ndarray, "rows columns"],
+    present: list[int],
+    width: int,
+    band: int,
 ) -> Float32[np.ndarray, "rows columns"]:
     """Weights fall from 1 to 0 across a seam; a photo never weighs where it shows nothing."""
     side = width // 2 * 2 + 1
@@ -473,7 +487,7 @@ def _blend(
             own, -1, (side, side), normalize=False, borderType=cv2.BORDER_REPLICATE
         )
         weight = np.where(layers.pixels(index) != NODATA, np.asarray(weight), np.float32(0))
-        total += weight * layers.toned(index)
+        total += weight * layers.toned(index, band)
         weights += weight
     # Where nothing has weight nothing is shown: 0 by 1.
     return total / np.maximum(weights, np.float32(1))

@@ -4,11 +4,17 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from core.mosaic.overview import Overview, SeamView, read_overview, seam_view
+from core.mosaic.overview import (
+    Overview,
+    SeamView,
+    read_band_overviews,
+    read_overview,
+    seam_view,
+)
 from core.mosaic.radiometry import (
     Balance,
     FilmPlane,
-    balance_orthos,
+    balance_bands,
     toned_as_photo,
     toned_as_reference,
 )
@@ -79,8 +85,9 @@ def balanced(
     planes: Mapping[str, FilmPlane] | None,
     full_scale: float,
     like: Ortho | str | None,
+    bands: int,
 ) -> Mapping[str, Balance]:
-    """The balance of every photo.
+    """The balance of every photo, and of each of so many bands.
 
     `like` is what they are given the tone of: the reference, a photo, their mean where it is empty;
     None leaves tones untouched.
@@ -89,8 +96,13 @@ def balanced(
         return {ortho.photo_id: Balance() for ortho in orthos}
     longest = max(max(view.grid.columns, view.grid.rows) for view in overviews)
     factor = max(1, longest // BALANCE_CELLS)
-    views = [view.coarser(factor) for view in overviews]
-    found = balance_orthos(views, full_scale, planes)
+    views = [[view.coarser(factor) for view in overviews]]
+    if bands > 1:
+        side = cell_px(orthos) * factor
+        read = [read_band_overviews(ortho, side, full_scale) for ortho in orthos]
+        # A gray photo among colours shows the same in each.
+        views = [[one[min(band, len(one) - 1)] for one in read] for band in range(bands)]
+    found = balance_bands(views, full_scale, planes)
     if isinstance(like, Ortho):
         return toned_as_reference(found, views, like, full_scale)
     return toned_as_photo(found, like) if like else found

@@ -1,6 +1,7 @@
 """The orthos over one part of a mosaic: files that stay open, pixels that are read once."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from threading import local
 from typing import Any
@@ -14,14 +15,26 @@ from core.orthos.rectification import OrthoProduct
 from core.raster.grid import Grid, Pixels, window_of
 
 
-def common_crs_and_depth(orthos: Sequence[OrthoProduct]) -> tuple[str, np.dtype[Any]]:
-    """The CRS of orthos, and their deepest type of values; scans may have 8 and 16 bit."""
-    crs, depths = "", set[np.dtype[Any]]()
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """What the pixels of a mosaic are."""
+
+    crs: str
+    """The CRS of its orthos."""
+    dtype: np.dtype[Any]
+    """Their deepest type of values; scans may have 8 and 16 bit."""
+    bands: int
+    """Bands of the ortho that has most; gray among colours shows the same in each."""
+
+
+def common_kind(orthos: Sequence[OrthoProduct]) -> Kind:
+    """What the mosaic of some orthos is."""
+    crs, depths, bands = "", set[np.dtype[Any]](), 1
     for ortho in orthos:
         with rasterio.open(ortho.path) as file:
-            crs = file.crs.to_string()
+            crs, bands = file.crs.to_string(), max(bands, file.count)
             depths.add(np.dtype(file.dtypes[0]))
-    return crs, max(depths, key=lambda depth: depth.itemsize)
+    return Kind(crs, max(depths, key=lambda depth: depth.itemsize), bands)
 
 
 def in_depth(values: Pixels, depth: np.dtype[Any]) -> Pixels:
@@ -47,8 +60,11 @@ class OrthoFiles:
         self._own = local()
         self._opened: list[Any] = []
 
-    def read(self, index: int, part: Grid) -> Pixels:
-        """Gray values of an ortho over a part of the mosaic, 0 outside it."""
+    def read(self, index: int, part: Grid, band: int = 0) -> Pixels:
+        """Values of a band of an ortho over a part of the mosaic, 0 outside it.
+
+        Where one band is 0 all are: nothing is shown.
+        """
         ortho = self.orthos[index]
         corner = ortho.grid.grid_from_object(np.array([[part.west, part.north]]))[0]
         column, row = (int(value) for value in np.rint(corner))
@@ -58,7 +74,9 @@ class OrthoFiles:
         if first < last and top < bottom:
             place = np.s_[top - row : bottom - row, first - column : last - column]
             window = window_of((first, top, last - first, bottom - top))
-            values[place] = in_depth(self._file(ortho.path).read(1, window=window), self.dtype)
+            file = self._file(ortho.path)
+            found = file.read(min(band + 1, file.count), window=window)
+            values[place] = in_depth(found, self.dtype)
         return values
 
     def close(self) -> None:
@@ -76,23 +94,24 @@ class OrthoFiles:
 
 
 class Layers:
-    """The orthos over one tile, each read once when it is first needed."""
+    """The orthos over one tile, each band read once when it is first needed."""
 
     def __init__(self, files: OrthoFiles, part: Grid) -> None:
         self.files, self.part = files, part
-        self._read: dict[int, Pixels] = {}
-        self.corrections: dict[int, Float32[np.ndarray, "rows columns"]] = {}
+        self._read: dict[tuple[int, int], Pixels] = {}
+        self.corrections: dict[tuple[int, int], Float32[np.ndarray, "rows columns"]] = {}
+        """Beside seams, by ortho and band."""
 
-    def pixels(self, index: int) -> Pixels:
-        """Gray values of an ortho over the tile, 0 outside it."""
-        if index not in self._read:
-            self._read[index] = self.files.read(index, self.part)
-        return self._read[index]
+    def pixels(self, index: int, band: int = 0) -> Pixels:
+        """Values of a band of an ortho over the tile, 0 outside it."""
+        if (index, band) not in self._read:
+            self._read[index, band] = self.files.read(index, self.part, band)
+        return self._read[index, band]
 
-    def toned(self, index: int) -> Float32[np.ndarray, "rows columns"]:
-        """Gray values after the correction of the photo, and that beside seams."""
-        balance = self.files.balances[self.files.orthos[index].photo_id]
-        values = balance.corrected(self.pixels(index).astype(np.float32), self.part)
-        if index in self.corrections:
-            values += self.corrections[index]
+    def toned(self, index: int, band: int = 0) -> Float32[np.ndarray, "rows columns"]:
+        """The same after the correction of the photo, and that beside seams."""
+        balance = self.files.balances[self.files.orthos[index].photo_id].of_band(band)
+        values = balance.corrected(self.pixels(index, band).astype(np.float32), self.part)
+        if (index, band) in self.corrections:
+            values += self.corrections[index, band]
         return values

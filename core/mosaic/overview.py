@@ -3,21 +3,24 @@
 Seams are sought in a pyramid of them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import rasterio
-from jaxtyping import Bool, Float16, Float32, Float64
+from jaxtyping import Bool, Float16, Float32, Float64, Shaped
 
 from core.arrays import Mask, Scalars, locked
 from core.orthos.rectification import OrthoProduct
+from core.raster.files import gray_from_colour
 from core.raster.grid import NODATA, Grid, sums_over_cells, window_of
 
 # design: some tens of megabytes of the widest orthos
 STRIP_CELLS = 128
 """Rows of cells that are read at once."""
+Bands = Shaped[np.ndarray, "_ rows columns"]
+"""Pixels band by band."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,33 +176,68 @@ class SeamLevel:
 def read_overview(
     ortho: OrthoProduct, pixels_per_cell: int, full_scale: float | None = None
 ) -> Overview:
-    """Means over cells of an ortho, read strip by strip, with its own full scale or another."""
+    """Means over cells of an ortho, read strip by strip, with its own full scale or another.
+
+    Colours are turned into gray.
+    """
+    return _means_of(ortho, pixels_per_cell, full_scale, _gray_of)[0]
+
+
+def read_band_overviews(
+    ortho: OrthoProduct, pixels_per_cell: int, full_scale: float
+) -> tuple[Overview, ...]:
+    """The same of each band."""
+    return _means_of(ortho, pixels_per_cell, full_scale, lambda bands: bands)
+
+
+def _gray_of(bands: Bands) -> Bands:
+    """One band; what shows something stays at least 1."""
+    if len(bands) < 3:
+        return bands[:1]
+    gray = np.rint(gray_from_colour(bands[:3])).astype(bands.dtype)
+    return np.where(bands[:1] == NODATA, NODATA, np.maximum(gray, 1))
+
+
+def _means_of(
+    ortho: OrthoProduct,
+    pixels_per_cell: int,
+    full_scale: float | None,
+    wanted: Callable[[Bands], Bands],
+) -> tuple[Overview, ...]:
+    """Means over cells of what is made of the bands of an ortho."""
     gsd = ortho.grid.ground_sample_distance_m
     grid = Grid.over(ortho.grid.bounds, gsd * pixels_per_cell)
     corner = np.array([[ortho.grid.west, ortho.grid.north]])
     offset = np.rint(grid.grid_from_object(corner)[0] * pixels_per_cell)
     column, row = int(offset[0]), int(offset[1])
-    sums = np.zeros((grid.rows, grid.columns), dtype=np.float32)
-    counts = np.zeros_like(sums)
     columns_in_cells = grid.columns * pixels_per_cell
+    parts: list[list[Cells]] = []
+    counts = np.zeros((grid.rows, grid.columns), dtype=np.float32)
     with rasterio.open(ortho.path) as file:
         for top in range(0, grid.rows, STRIP_CELLS):
             cells = np.s_[top : min(top + STRIP_CELLS, grid.rows)]
             tall = (cells.stop - top) * pixels_per_cell
             first = max(top * pixels_per_cell - row, 0)
             last = min(top * pixels_per_cell + tall - row, ortho.grid.rows)
-            strip = np.zeros((tall, columns_in_cells), dtype=file.dtypes[0])
             begin = first + row - top * pixels_per_cell
-            window = window_of((0, first, ortho.grid.columns, last - first))
-            place = np.s_[begin : begin + last - first, column : column + ortho.grid.columns]
-            strip[place] = file.read(1, window=window)
-            sums[cells] = sums_over_cells(strip, pixels_per_cell)
-            counts[cells] = sums_over_cells((strip != NODATA).view(np.uint8), pixels_per_cell)
+            bands = wanted(
+                file.read(window=window_of((0, first, ortho.grid.columns, last - first)))
+            )
+            strip = np.zeros((len(bands), tall, columns_in_cells), dtype=bands.dtype)
+            strip[:, begin : begin + last - first, column : column + ortho.grid.columns] = bands
+            parts.append(
+                [sums_over_cells(one, pixels_per_cell).astype(np.float32) for one in strip]
+            )
+            counts[cells] = sums_over_cells((strip[0] != NODATA).view(np.uint8), pixels_per_cell)
         own_scale = np.float32(np.iinfo(file.dtypes[0]).max)
-    values = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
-    if full_scale is not None:
-        values *= np.float32(full_scale) / own_scale
-    return Overview(ortho.photo_id, ortho.nadir, grid, values, counts / pixels_per_cell**2)
+    found: list[Overview] = []
+    for sums in map(np.concatenate, zip(*parts, strict=True)):
+        values = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+        if full_scale is not None:
+            values *= np.float32(full_scale) / own_scale
+        share = counts / pixels_per_cell**2
+        found.append(Overview(ortho.photo_id, ortho.nadir, grid, values, share))
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

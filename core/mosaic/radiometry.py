@@ -112,6 +112,12 @@ class Balance:
     """v1 and v2 of the camera."""
     plane: FilmPlane | None = None
     """Where the ground lies on the film; None where the camera's vignetting is unknown."""
+    others: tuple["Balance", ...] = ()
+    """Of the second band and those after it; empty where all bands have the same."""
+
+    def of_band(self, band: int) -> "Balance":
+        """The balance of a band, counted from 0."""
+        return self.others[band - 1] if band and self.others else self
 
     def corrected(self, gray: Gray, part: Grid) -> Gray:
         """Gray values of a part of an ortho after the correction."""
@@ -205,15 +211,35 @@ def balance_orthos(
     return found
 
 
+def balance_bands(
+    bands: Sequence[Sequence[Overview]],
+    full_scale: float = 255.0,
+    planes: Mapping[str, FilmPlane] | None = None,
+) -> Mapping[str, Balance]:
+    """The same of colours: each band of the orthos by itself.
+
+    Args:
+        bands: The orthos in small, all of the first band, all of the second, ...
+        full_scale: As for `balance_orthos`.
+        planes: As for `balance_orthos`.
+    """
+    first, *others = (balance_orthos(views, full_scale, planes) for views in bands)
+    return {
+        name: replace(one, others=tuple(other[name] for other in others))
+        for name, one in first.items()
+    }
+
+
 def toned_as_photo(balances: Mapping[str, Balance], photo_id: str) -> Mapping[str, Balance]:
     """The same tones to each other, with the gain and offset of one photo left as they are."""
     own = balances[photo_id]
-    return _all_toned(balances, 1 / own.gain, -own.offset / own.gain)
+    by_band = [(1 / one.gain, -one.offset / one.gain) for one in (own, *own.others)]
+    return {name: _toned(one, by_band) for name, one in balances.items()}
 
 
 def toned_as_reference(
     balances: Mapping[str, Balance],
-    overviews: Sequence[Overview],
+    bands: Sequence[Sequence[Overview]],
     reference: Ortho,
     full_scale: float,
 ) -> Mapping[str, Balance]:
@@ -221,16 +247,18 @@ def toned_as_reference(
 
     Args:
         balances: Of every photo.
-        overviews: The orthos in small.
+        bands: The orthos in small, as for `balance_bands`; colours keep how they differ.
         reference: Grays of 0 to 255; what has changed since weighs little in the medians.
         full_scale: Largest gray value of the orthos.
     """
     own, there = list[np.ndarray](), list[np.ndarray]()
-    for view in overviews:
-        patch = reference.read(view.grid)
-        both = view.full & patch.mask
-        own.append(balances[view.photo_id].corrected(view.values.copy(), view.grid)[both])
-        there.append(patch.values[both] * (full_scale / WHITE))
+    for band, views in enumerate(bands):
+        for view in views:
+            patch = reference.read(view.grid)
+            both = view.full & patch.mask
+            balance = balances[view.photo_id].of_band(band)
+            own.append(balance.corrected(view.values.copy(), view.grid)[both])
+            there.append(patch.values[both] * (full_scale / WHITE))
     ours, theirs = np.concatenate(own).astype(np.float64), np.concatenate(there)
     spread = nmad(ours) if len(ours) else 0.0
     if spread <= 0:
@@ -239,24 +267,20 @@ def toned_as_reference(
     offset = float(np.median(theirs) - gain * np.median(ours))
     # In whole steps: one photo that moves a little does not change the tone of all.
     gain_step, offset_step = STEPS[0], STEPS[1] * full_scale
-    return _all_toned(
-        balances, round(gain / gain_step) * gain_step, round(offset / offset_step) * offset_step
+    whole = round(gain / gain_step) * gain_step, round(offset / offset_step) * offset_step
+    return {name: _toned(one, [whole] * len(bands)) for name, one in balances.items()}
+
+
+def _toned(balance: Balance, by_band: Sequence[tuple[float, float]]) -> Balance:
+    """Every corrected gray times a gain, and an offset more, both by band."""
+    (gain, offset), *others = by_band
+    return replace(
+        balance,
+        gain=gain * balance.gain,
+        offset=gain * balance.offset + offset,
+        tilt=(gain * balance.tilt[0], gain * balance.tilt[1]),
+        others=tuple(_toned(one, [own]) for one, own in zip(balance.others, others, strict=True)),
     )
-
-
-def _all_toned(
-    balances: Mapping[str, Balance], gain: float, offset: float
-) -> Mapping[str, Balance]:
-    """Every corrected gray times a gain, and an offset more."""
-    return {
-        name: replace(
-            one,
-            gain=gain * one.gain,
-            offset=gain * one.offset + offset,
-            tilt=(gain * one.tilt[0], gain * one.tilt[1]),
-        )
-        for name, one in balances.items()
-    }
 
 
 def _rounded(unknowns: Unknowns, photos: int) -> Unknowns:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, Int32, UInt8
+from jaxtyping import Float32, Int32, Shaped, UInt8
 from shapely import segmentize
 from shapely.geometry import Polygon, box
 from shapely.prepared import prep
@@ -39,6 +39,8 @@ MASK_STEP_MM = 0.2
 # source: OpenCV, remap holds places as signed 16 bit (32767)
 FAR = 32000.0
 """Mask pixels beyond this would wrap around inside OpenCV."""
+OPENCV_BANDS = 4  # source: OpenCV, remap
+"""Bands that are sampled together at most."""
 # design: two pixels of the kernel, one of rounding and one to spare
 MARGIN_PX = 4
 """Pixels around a window so that the cubic kernel never meets its edge."""
@@ -75,7 +77,7 @@ class OrthoProduct:
     photo_id: str
     """The photo it was made from."""
     path: Path
-    """GeoTIFF, one band, 0 (nodata) where there is nothing and at least 1 elsewhere."""
+    """GeoTIFF with the bands of the scan, 0 (nodata) where there is nothing, else at least 1."""
     grid: Grid
     """Where its pixels lie."""
     covered_share: float
@@ -124,7 +126,7 @@ def rectify_photo(
     work = _Work(photo, camera, dem, grid, source, mask)
     nadir = (float(photo.exterior.centre[0]), float(photo.exterior.centre[1]))
     tiles = _tiles_near(footprint_of(photo, camera, dem), grid, options.tile_px)
-    profile = tiled_profile(grid, crs, source.dtype.name) | {
+    profile = tiled_profile(grid, crs, source.dtype.name, source.bands) | {
         "compress": "deflate",
         "zlevel": COMPRESSION_LEVEL,
         "predictor": 2,
@@ -335,11 +337,21 @@ def _tile(work: _Work, window: Tile) -> Pixels | None:
             (places.columns, places.rows), places.origin, part[:2], strict=True
         )
     )
-    values = cv2.remap(pixels, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    values = _sampled(pixels, columns, rows)
     np.maximum(values, 1, out=values)
     if not seen.all():
         values[~seen] = NODATA
     return values
+
+
+def _sampled(
+    pixels: Shaped[np.ndarray, "_ _ ..."], columns: PixelMap, rows: PixelMap
+) -> Shaped[np.ndarray, "rows columns ..."]:
+    """Cubic samples, of each band."""
+    if pixels.ndim == 2 or pixels.shape[2] <= OPENCV_BANDS:
+        found = cv2.remap(pixels, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(found)
+    return np.dstack([_sampled(band, columns, rows) for band in np.moveaxis(pixels, -1, 0)])
 
 
 def _window_of(work: _Work, places: ScanPlaces, seen: Mask) -> tuple[int, int, int, int]:

@@ -201,6 +201,12 @@ FILES = OpenFiles(OPEN_FILES)
 """The scans and sheets of this process."""
 
 
+def count_bands(path: Path) -> int:
+    """How many bands a raster has."""
+    with FILES.borrow(path) as file:
+        return int(file.count)
+
+
 def gray_from_colour(
     bands: Num[np.ndarray, "3 rows columns"],
 ) -> Float32[np.ndarray, "rows columns"]:

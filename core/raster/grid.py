@@ -40,8 +40,8 @@ ROUNDING_PX = 1e-6
 """An edge nearer than this to the edge of a pixel lies on it."""
 Tile = tuple[int, int, int, int]
 """Column, row, columns, rows of a part of a grid."""
-Pixels = Shaped[np.ndarray, "rows columns"]
-"""Gray values in the type of the scans."""
+Pixels = Shaped[np.ndarray, "rows columns *bands"]
+"""Values in the type of the scans: gray, or band by band last."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,10 +160,11 @@ def write_tiles(
         with closing(_compute_in_order(compute, tiles, threads)) as results:
             for done, (tile, values) in enumerate(results, start=1):
                 if values is not None:
-                    covered += int(np.count_nonzero(values))
-                    filled.update(_filled_blocks(tile, values))
+                    bands = values[None] if values.ndim == 2 else np.moveaxis(values, -1, 0)
+                    covered += int(np.count_nonzero(bands[0]))
+                    filled.update(_filled_blocks(tile, bands[0]))
                     with tell_full_disk(path):
-                        out.write(values, 1, window=window_of(tile))
+                        out.write(bands, window=window_of(tile))
                 progress.report(float(done), float(len(tiles)), what)
     refuse_incomplete(path, len(filled))
     return covered
@@ -229,13 +230,16 @@ def window_of(tile: Tile) -> Window:
     return Window(*tile)  # pyright: ignore[reportCallIssue]
 
 
-def tiled_profile(grid: Grid, crs: str, dtype: str) -> dict[str, Any]:
-    """One band of gray values in blocks of 512, empty blocks left out."""
+def tiled_profile(grid: Grid, crs: str, dtype: str, bands: int = 1) -> dict[str, Any]:
+    """One band of gray values, or colours, in blocks of 512, empty blocks left out."""
+    # Left to itself GDAL takes a fourth band for how opaque pixels are.
+    colour = {"photometric": "rgb", "interleave": "pixel"} if bands > 2 else {}
+    more = {"alpha": "no"} if bands > 3 else {}
     return {
         "driver": "GTiff",
         "width": grid.columns,
         "height": grid.rows,
-        "count": 1,
+        "count": bands,
         "dtype": dtype,
         "crs": crs,
         "transform": Affine.from_gdal(*grid.geotransform),
@@ -245,6 +249,8 @@ def tiled_profile(grid: Grid, crs: str, dtype: str) -> dict[str, Any]:
         "blockysize": BLOCK_PX,
         "bigtiff": "if_safer",
         "sparse_ok": True,
+        **colour,
+        **more,
     }
 
 

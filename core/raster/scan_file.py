@@ -17,11 +17,25 @@ from core.arrays import Flags, Indices, Mask, PixelPoints, locked
 from core.errors import ScanError
 from core.frames import HALF_PIXEL
 from core.geometry.camera import Camera
-from core.raster.grid import Pixels
-from core.raster.scan_pixels import STRIP_ROWS, GrayWindow, gray_means, open_dataset
+from core.raster.grid import Pixels, Tile
+from core.raster.scan_pixels import (
+    STRIP_ROWS,
+    BandWindow,
+    GrayWindow,
+    band_means,
+    gray_means,
+    open_dataset,
+    shown_count,
+)
 from core.said import say
 
 READABLE = ("uint8", "uint16")
+# design: a large sample for a mean, and one read
+SAMPLE_PX = 512
+"""Side of the middle of a scan that tells whether it has colours."""
+# design: the chroma of a JPEG differs by less in gray pictures, tints of prints by more
+ALIKE = 0.004
+"""Mean difference of bands, as a share of white, below which a scan has no colours."""
 # design: film of 24 cm at half a micrometre; a damaged file may claim any size.
 MOST_SIDE_PX = 500_000
 """Columns or rows of a scan."""
@@ -127,7 +141,7 @@ class ScanFile:
     size_px: tuple[int, int]
     """Columns and rows."""
     bands: int
-    """Bands of the file; colour is turned into gray when read."""
+    """Bands that show the ground; they are turned into gray but for orthos."""
     dtype: str
     """Type of its values: `uint8` or `uint16`."""
     usable: UsableArea | None = None
@@ -148,7 +162,8 @@ def open_scan(path: Path) -> ScanFile:
     """
     _check_file(path)
     with open_dataset(path) as dataset:
-        scan = ScanFile(path, (dataset.width, dataset.height), dataset.count, dataset.dtypes[0])
+        size = dataset.width, dataset.height
+        scan = ScanFile(path, size, shown_count(dataset), dataset.dtypes[0])
         if scan.dtype not in READABLE:
             raise ScanError(
                 path,
@@ -241,19 +256,45 @@ def read_window(
         `column + j * reduction` and row `row + i * reduction` on.
     """
     shape = (rows // reduction, columns // reduction)
-    first_j, last_j = _cells_inside(column, shape[1], reduction, scan.size_px[0])
-    first_i, last_i = _cells_inside(row, shape[0], reduction, scan.size_px[1])
-    if first_j >= last_j or first_i >= last_i:
+    part = _inside(scan, (column, row), shape, reduction)
+    if part is None:
         return np.full(shape, np.nan, dtype=np.float32)
-    first = (column + first_j * reduction, row + first_i * reduction)
-    size = ((last_j - first_j) * reduction, (last_i - first_i) * reduction)
-    inside = gray_means(scan.path, (*first, *size), reduction)
+    window, margins = part
+    inside = gray_means(scan.path, window, reduction)
     if inside.shape == shape:
         return inside
-    margins = ((first_i, shape[0] - last_i), (first_j, shape[1] - last_j))
     if outside == "edge":
         return np.pad(inside, margins, mode="edge")
     return np.pad(inside, margins, constant_values=np.nan)
+
+
+def read_bands(scan: ScanFile, window: Tile, reduction: int = 1) -> BandWindow:
+    """The same of each band, for a window that meets the scan; edge values go on outside."""
+    column, row, columns, rows = window
+    shape = (rows // reduction, columns // reduction)
+    part = _inside(scan, (column, row), shape, reduction)
+    assert part is not None, window
+    inside = band_means(scan.path, part[0], reduction)
+    return inside if inside.shape[1:] == shape else np.pad(inside, ((0, 0), *part[1]), mode="edge")
+
+
+Margins = tuple[tuple[int, int], tuple[int, int]]
+"""Cells above and below, left and right of what lies inside a scan."""
+
+
+def _inside(
+    scan: ScanFile, first: tuple[int, int], shape: tuple[int, int], reduction: int
+) -> tuple[Tile, Margins] | None:
+    """The window of whole cells within a scan, and what is missing around it; None for none."""
+    (top, bottom), (left, right) = (
+        _cells_inside(first[1 - axis], shape[axis], reduction, scan.size_px[1 - axis])
+        for axis in (0, 1)
+    )
+    if left >= right or top >= bottom:
+        return None
+    corner = (first[0] + left * reduction, first[1] + top * reduction)
+    size = ((right - left) * reduction, (bottom - top) * reduction)
+    return (*corner, *size), ((top, shape[0] - bottom), (left, shape[1] - right))
 
 
 def read_overview(scan: ScanFile, reduction: int) -> GrayWindow:
@@ -336,15 +377,18 @@ class ScanSource:
     """Windows of one scan, averaged over `reduction` pixels a side, in the type of the scan.
 
     A scan is read once from end to end where it fits the budget: film scans come in strips as
-    often as in tiles, and a turned photo would have every strip decoded for every ortho tile.
+    often as in tiles, and a turned photo would have every strip decoded for every ortho tile. Of a
+    colour scan every band is read, unless they are alike: film without colours is often scanned so.
     """
 
     def __init__(self, path: Path, reduction: int, threads: int, budget_bytes: int) -> None:
         self.scan: ScanFile = open_scan(path)
         self.reduction = reduction
         self.dtype = np.dtype(self.scan.dtype)
+        self.bands = 1 if self.scan.bands == 1 or _is_gray(self.scan) else self.scan.bands
+        """How many bands it has; windows of one have none."""
         columns, rows = (-(-size // reduction) for size in self.scan.size_px)
-        fits = columns * rows * self.dtype.itemsize <= budget_bytes
+        fits = columns * rows * self.bands * self.dtype.itemsize <= budget_bytes
         self._whole: Pixels | None = self._read_whole(columns, rows, threads) if fits else None
 
     def window(self, column: int, row: int, columns: int, rows: int) -> Pixels:
@@ -354,7 +398,8 @@ class ScanSource:
         return self._read(column, row, columns, rows)
 
     def _read_whole(self, columns: int, rows: int, threads: int) -> Pixels:
-        whole = np.empty((rows, columns), dtype=self.dtype)
+        shape = (rows, columns) if self.bands == 1 else (rows, columns, self.bands)
+        whole = np.empty(shape, dtype=self.dtype)
 
         def read(start: int) -> None:
             end = min(start + STRIP_ROWS, rows)
@@ -366,11 +411,24 @@ class ScanSource:
 
     def _read(self, column: int, row: int, columns: int, rows: int) -> Pixels:
         step = self.reduction
-        values = read_window(
-            self.scan, column * step, row * step, columns * step, rows * step, step, "edge"
-        )
+        window = (column * step, row * step, columns * step, rows * step)
+        if self.bands == 1:
+            values = read_window(self.scan, *window, step, "edge")
+        else:
+            values = np.ascontiguousarray(np.moveaxis(read_bands(self.scan, window, step), 0, -1))
         np.rint(values, out=values)
         return values.astype(self.dtype)
+
+
+def _is_gray(scan: ScanFile) -> bool:
+    """Whether the first three bands of a scan are alike in its middle."""
+    columns, rows = (min(size, SAMPLE_PX) for size in scan.size_px)
+    column, row = (
+        (size - side) // 2 for size, side in zip(scan.size_px, (columns, rows), strict=True)
+    )
+    red, *others = read_bands(scan, (column, row, columns, rows))[:3]
+    least = ALIKE * float(np.iinfo(scan.dtype).max)
+    return scan.bands <= 3 and all(float(np.abs(one - red).mean()) < least for one in others)
 
 
 class ScanFiles:

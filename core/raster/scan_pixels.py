@@ -1,6 +1,6 @@
 """Gray pixels of a scan as its file has them: averages, levels of JPEG 2000, palettes, polarity."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,8 @@ from core.raster.grid import Tile, sums_over_cells, window_of
 
 GrayWindow = Float32[np.ndarray, "rows columns"]
 """Part of a scan as gray values."""
+BandWindow = Float32[np.ndarray, "bands rows columns"]
+"""Part of a scan, band by band."""
 # design: some tens of megabytes, and rows of strips or tiles are decoded once.
 STRIP_ROWS = 1024
 """Rows that one thread reads at a time into memory."""
@@ -33,25 +35,39 @@ def gray_means(path: Path, window: Tile, side: int) -> GrayWindow:
     `boundless` reading: with a rotated world file beside the scan it reads elsewhere.
     One or two bands are gray, more begin with red, green, blue.
     """
+    gray = np.empty((window[3] // side, window[2] // side), dtype=np.float32)
+    for rows, bands in _strips(path, window, side, every=False):
+        gray[rows] = bands[0] if len(bands) == 1 else gray_from_colour(bands)
+    return gray
+
+
+def band_means(path: Path, window: Tile, side: int) -> BandWindow:
+    """The same of each band that shows the ground, infrared too; alpha is none."""
+    return np.concatenate(
+        [bands for _, bands in _strips(path, window, side, every=True)], axis=1, dtype=np.float32
+    )
+
+
+def _strips(
+    path: Path, window: Tile, side: int, *, every: bool
+) -> Iterator[tuple[slice, Shaped[np.ndarray, "_ _ _"]]]:
+    """Rows of cells and their means by band, strip by strip."""
     column, row, columns, rows = window
-    shape = (rows // side, columns // side)
     options, step = _level_of(path, side)
     strip = max(1, STRIP_ROWS // side)
-    gray = np.empty(shape, dtype=np.float32)
     with open_dataset(path, **options) as dataset:
-        for top in range(0, shape[0], strip):
-            count = min(strip, shape[0] - top)
+        for top in range(0, rows // side, strip):
+            count = min(strip, rows // side - top)
             part = (column, row + top * side, columns, count * side)
             try:
-                bands = _means(dataset, part, side, step)
+                bands = _means(dataset, part, side, step, every=every)
             except (RasterioError, OSError) as error:
                 raise ScanError(
                     path,
                     "Part of its pixels cannot be read: the file is damaged, or was cut off.",
                     "Copy the scan again from the archive.",
                 ) from error
-            gray[top : top + count] = bands[0] if len(bands) == 1 else gray_from_colour(bands)
-    return gray
+            yield slice(top, top + count), bands
 
 
 def _level_of(path: Path, side: int) -> tuple[dict[str, str], int]:
@@ -69,14 +85,16 @@ def _level_of(path: Path, side: int) -> tuple[dict[str, str], int]:
     return {}, 1
 
 
-def _means(dataset: Any, part: Tile, side: int, step: int) -> Shaped[np.ndarray, "_ rows columns"]:
+def _means(
+    dataset: Any, part: Tile, side: int, step: int, *, every: bool
+) -> Shaped[np.ndarray, "_ rows columns"]:
     """Means of each band over square cells of scan pixels, whole numbers, from pixels of a level.
 
     The middle of a level's pixel is not its own: it is that of every `step`-th pixel of the scan,
     beginning with the first, around which the wavelet is symmetric.
     """
     if step == 1:
-        values = _pixels(dataset, part)
+        values = _pixels(dataset, part, every)
         return values if side == 1 else np.stack([_cell_means(band, side) for band in values])
     (left, right, across), (top, bottom, down) = (
         _edges(start, length, side, step, size)
@@ -84,7 +102,7 @@ def _means(dataset: Any, part: Tile, side: int, step: int) -> Shaped[np.ndarray,
             part[:2], part[2:], (dataset.width, dataset.height), strict=True
         )
     )
-    values = _pixels(dataset, (left, top, right - left, bottom - top))
+    values = _pixels(dataset, (left, top, right - left, bottom - top), every)
     most = np.iinfo(values.dtype).max
     means = [_means_between(_means_between(band, down).T, across).T for band in values]
     return np.stack([np.clip(np.floor(found + 0.5), 0, most) for found in means])
@@ -119,9 +137,22 @@ def _means_between(
     return np.diff(areas, axis=0) / np.diff(edges)[:, None]
 
 
-def _pixels(dataset: Any, window: Tile) -> Shaped[np.ndarray, "_ rows columns"]:
-    """Gray, or red, green and blue, as the file has them; more is brighter."""
-    bands = [1, 2, 3] if dataset.count >= 3 else [1]
+def shown_bands(dataset: Any) -> list[int]:
+    """Numbers of the bands that show the ground; one of a palette, which stands for three."""
+    if dataset.count < 3:
+        return [1]
+    kinds = zip(dataset.indexes, dataset.colorinterp, strict=True)
+    return [number for number, kind in kinds if kind != ColorInterp.alpha]
+
+
+def shown_count(dataset: Any) -> int:
+    """How many bands `band_means` tells."""
+    return 3 if _has_palette(dataset) else len(shown_bands(dataset))
+
+
+def _pixels(dataset: Any, window: Tile, every: bool) -> Shaped[np.ndarray, "_ rows columns"]:
+    """Gray, or red, green and blue, or every band, as the file has them; more is brighter."""
+    bands = shown_bands(dataset) if every else [1, 2, 3] if dataset.count >= 3 else [1]
     values: Any = dataset.read(bands, window=window_of(window))
     if _has_palette(dataset):
         table = np.zeros((int(np.iinfo(values.dtype).max) + 1, 3), dtype=np.uint8)

@@ -18,7 +18,7 @@ from jaxtyping import Float32, Float64, UInt8
 
 from core.arrays import Raster
 from core.frames import HALF_PIXEL
-from core.raster.grid import Grid
+from core.raster.grid import Grid, Pixels
 from ui.review.compare import DrawnPhoto, HeightSource, pixel_from_ground
 
 TILE = 256
@@ -74,7 +74,7 @@ class Stretch:
     black: float
     white: float
 
-    def applied(self, values: Raster) -> Float32[np.ndarray, "rows columns"]:
+    def applied(self, values: Pixels) -> Float32[np.ndarray, "rows columns *bands"]:
         """Values from 0 to 255."""
         span = max(self.white - self.black, 1e-6)
         scaled = (np.asarray(values, dtype=np.float32) - self.black) * (255.0 / span)

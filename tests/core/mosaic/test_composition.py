@@ -1,5 +1,7 @@
 """Composition of orthos whose content is known."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -228,3 +230,36 @@ def test_a_hole_names_the_photos_that_leave_it_out__truth(tmp_path):
     holes = compose([ortho], tmp_path, planes=planes).holes
     assert [(hole.area_m2, hole.masked_in) for hole in holes] == [(5000.0, ("a",))]
     assert compose([ortho], tmp_path).holes[0].masked_in == ()
+
+
+def test_each_colour_is_the_mosaic_of_its_band__law(block, tmp_path):
+    """Seams are one; tones, and what is blended, are those of each band alone."""
+    changes = (lambda gray: gray, lambda gray: gray // 2 + 30, lambda gray: 230 - gray // 3 * 2)
+    alone, colour = [[], [], []], []
+    for ortho in block:
+        with rasterio.open(ortho.path) as file:
+            gray, profile = file.read(1), file.profile
+        bands = [np.where(gray > 0, change(gray), 0).astype(np.uint8) for change in changes]
+        for own, band in zip(alone, bands, strict=True):
+            path = tmp_path / f"{len(own)}_{len(colour)}_{alone.index(own)}.tif"
+            own.append(replace(ortho, path=path))
+            with rasterio.open(path, "w", **profile) as file:
+                file.write(band, 1)
+        path = tmp_path / f"{ortho.photo_id}.tif"
+        colour.append(replace(ortho, path=path))
+        rgb = profile | {"count": 3, "photometric": "rgb", "interleave": "pixel"}
+        with rasterio.open(path, "w", **rgb) as file:
+            file.write(np.stack(bands))
+    grid = mosaic_grid(block)
+    made = compose_mosaic(colour, grid, tmp_path / "colour.tif", None)
+    with rasterio.open(made.path) as file:
+        found = file.read()
+        assert [kind.name for kind in file.colorinterp] == ["red", "green", "blue"]
+    for number, orthos in enumerate(alone):
+        path = tmp_path / f"band{number}.tif"
+        own = compose_mosaic(orthos, grid, path, None, seams=made.seams)
+        with rasterio.open(own.path) as file:
+            np.testing.assert_allclose(found[number].astype(int), file.read(1), atol=1)
+    part = (300, 200, 120, 90)
+    shown = compose_window(colour, made, made.seams, part)
+    np.testing.assert_array_equal(np.moveaxis(shown, -1, 0), found[:, 200:290, 300:420])

@@ -43,7 +43,7 @@ def test_the_block_has_the_tone_of_a_photo_or_of_the_reference__truth(block, tmp
     with rasterio.open(path, "w", **(profile | {"count": 1})) as file:
         file.write(np.where(values > 0, values * 0.5 + 60, 0).astype(np.uint8), 1)
     reference = open_ortho([path], str(profile["crs"]))
-    shown = toned_as_reference(found, [views[0]], reference, 255.0)
+    shown = toned_as_reference(found, [[views[0]]], reference, 255.0)
     assert (shown["a"].gain, shown["a"].offset) == pytest.approx((0.5, 60), abs=2)
     assert shown["b"].gain / shown["a"].gain == pytest.approx(found["b"].gain / found["a"].gain)
 

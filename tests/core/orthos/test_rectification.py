@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rasterio
+from rasterio.enums import ColorInterp
 
 from core.errors import Cancelled
 from core.geometry.camera import Camera
@@ -12,6 +13,7 @@ from core.orthos.rectification import OrthoOptions, footprint_of, rectify_photo
 from core.raster.grid import Grid
 
 CRS = "EPSG:32633"
+KINDS = [ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.undefined]
 
 
 def read(path):
@@ -176,3 +178,46 @@ def test_lens_far_outside_its_frame_shows_nothing__law(scene, middle, tmp_path):
     assert len(rows)
     assert np.abs(columns - 500).max() < 30
     assert np.abs(rows - 500).max() < 30
+
+
+def test_colours_and_infrared_stay__law(scene, middle, tmp_path):
+    """Each band of the ortho is the ortho of that band; alpha is no colour."""
+    with rasterio.open(middle.scan) as file:
+        gray, profile = file.read(1), file.profile
+    bands = [gray, gray // 2 + 40, 255 - gray, np.roll(gray, 40, axis=1)]
+    alone = []
+    for number, band in enumerate(bands):
+        path = tmp_path / f"{number}.tif"
+        with rasterio.open(path, "w", **profile) as file:
+            file.write(band, 1)
+        photo = replace(middle, scan=path)
+        made = rectify_photo(photo, scene.camera, scene.dem, 1.0, tmp_path / f"o{number}.tif", CRS)
+        alone.append(read(made.path))
+    path = tmp_path / "colour.tif"
+    more = {"count": 5, "photometric": "rgb", "alpha": "yes"}
+    with rasterio.open(path, "w", **(profile | more)) as file:
+        file.colorinterp = [*KINDS, ColorInterp.alpha]
+        file.write(np.stack([*bands, np.full_like(gray, 255)]))
+    for budget in (800_000_000, 0):
+        options = OrthoOptions(scan_budget_bytes=budget)
+        photo = replace(middle, scan=path)
+        target = tmp_path / f"{budget}.tif"
+        rectify_photo(photo, scene.camera, scene.dem, 1.0, target, CRS, options=options)
+        with rasterio.open(target) as file:
+            np.testing.assert_array_equal(file.read(), np.stack(alone))
+            assert file.colorinterp[:4] == tuple(KINDS)
+
+
+def test_a_gray_scan_in_three_bands_makes_a_gray_ortho__truth(scene, middle, tmp_path):
+    with rasterio.open(middle.scan) as file:
+        gray, profile = file.read(1), file.profile
+    path = tmp_path / "rgb.tif"
+    with rasterio.open(path, "w", **(profile | {"count": 3, "photometric": "rgb"})) as file:
+        file.write(np.stack([gray] * 3))
+    made = rectify_photo(
+        replace(middle, scan=path), scene.camera, scene.dem, 1.0, tmp_path / "o.tif", CRS
+    )
+    own = rectify_photo(middle, scene.camera, scene.dem, 1.0, tmp_path / "own.tif", CRS)
+    with rasterio.open(made.path) as file:
+        assert file.count == 1
+        np.testing.assert_allclose(file.read(1).astype(int), read(own.path), atol=1)
