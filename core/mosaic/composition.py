@@ -192,8 +192,7 @@ def compose_mosaic(
         options: Tiles, and whether to balance.
         progress: Told after every ortho and tile.
     """
-    options, notes = options or MosaicOptions(), ()
-    kind = common_kind(orthos)
+    options, notes, kind = options or MosaicOptions(), (), common_kind(orthos)
     scale = float(np.iinfo(kind.dtype).max)
     overviews = read_overviews(orthos, grid, scale, Part(progress, 0.0, READ))
     toned = like if options.balance else None
