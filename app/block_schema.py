@@ -165,6 +165,7 @@ REFERENCE = (
     Key("roads", "files", [], asked="first"),
     Key("ortho_sigma_m", "number", unit=METRES, asked="first"),
     Key("dem_sigma_m", "number", unit=METRES, asked="first"),
+    Key("year", "number", unit=YEARS),
     Key("buildings", "file"),
     Key("bridges", "file"),
     Key("mask", "file", asked="more"),
@@ -176,6 +177,7 @@ OTHER = (
     Key("year", "number", unit=YEARS),
     Key("ortho_sigma_m", "number", unit=METRES),
     Key("dem_sigma_m", "number", unit=METRES),
+    Key("ties", "flag", False),
 )
 CONTROL = (
     Key("points", "file", asked="more"),

@@ -100,50 +100,6 @@ class SheetsSection:
         return self.index is not None or bool(self.rule)
 
 
-@dataclass(frozen=True, slots=True)
-class OtherReference:
-    """A table of `[[reference.other]]`: it judges mosaic and heights and steers nothing."""
-
-    ortho: tuple[Path, ...] = ()
-    """Sheets of an orthophoto that the mosaic is compared with."""
-    dem: tuple[Path, ...] = ()
-    """Files of terrain heights that those of the block are compared with."""
-    year: int | None = None
-    """Of the ortho; None where it is not stated."""
-    ortho_sigma_m: float | None = None
-    """Standard deviation of a coordinate of the ortho, metres; None where it is not stated."""
-    dem_sigma_m: float | None = None
-    """Standard deviation of a height, metres; None where it is not stated."""
-
-    def name(self, folder: Path) -> str:
-        """What the report calls the ortho: path from a folder to it, or to its sheets; its year."""
-        file = self.ortho[0] if len(self.ortho) == 1 else self.ortho[0].parent
-        told = Path(os.path.relpath(file, folder)).as_posix()
-        return told if self.year is None else f"{told} ({self.year})"
-
-
-def other_references(document: Document) -> tuple[OtherReference, ...]:
-    """The tables `[[reference.other]]`, those left empty passed over.
-
-    Raises:
-        ProjectError: Something in one cannot be used, or it names neither ortho nor heights.
-    """
-    tables = document.tables("reference.other")
-    return tuple(_other_reference(table) for table in tables if table.values)
-
-
-def _other_reference(table: Table) -> OtherReference:
-    ortho, dem = table.files("ortho"), table.files("dem")
-    if not ortho and not dem:
-        cause = "names neither an ortho nor heights."
-        raise table.error("ortho", cause, "Name one of them, or take the table away.")
-    sigmas = (
-        table.number(key) if table.has(key) else None for key in ("ortho_sigma_m", "dem_sigma_m")
-    )
-    year = int(table.number("year")) if table.has("year") else None
-    return OtherReference(ortho, dem, year, *sigmas)
-
-
 def read_camera(document: Document, name: str) -> Camera:
     """One camera.
 

@@ -6,7 +6,7 @@ import numpy as np
 import rasterio
 from pyproj import CRS
 
-from app.project import Project, reference_sigmas_m
+from app.project import Project
 from core.arrays import ObjectPoints
 from core.block import UNKNOWN_M, SurveyedPoint
 from core.doubts import Doubt
@@ -32,7 +32,7 @@ def height_doubts(
     told = [*_systems(project)]
     if project.reference.dem and surveyed:
         file = "" if project.control.points is None else project.control.points.name
-        own = offset_told(file, surveyed, dem, reference_sigmas_m(project)[1])
+        own = offset_told(file, surveyed, dem, project.reference.sigmas_m(project.block.crs)[1])
         told += [own] if own is not None else []
     if project.reference.dem and isinstance(dem, Dem):
         told += _other_heights(project, dem)
@@ -93,7 +93,7 @@ SIDE = 20
 
 def _other_heights(project: Project, dem: Dem) -> Iterator[Said]:
     """What is wrong with further heights, which may be of another system than those in use."""
-    own_sigma_m = reference_sigmas_m(project)[1]
+    own_sigma_m = project.reference.sigmas_m(project.block.crs)[1]
     for other in project.reference.other:
         try:
             heights = open_dem(other.dem, project.block.crs) if other.dem else None

@@ -16,7 +16,7 @@ import shapely
 
 from app.block_list import blocks_in, was_made
 from app.block_toml import FILE
-from app.project import Project, read_project, reference_sigmas_m
+from app.project import Project, read_project
 from app.report.protocol_figures import json_value
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import influence_of
@@ -390,7 +390,8 @@ def _equations(block: KnownBlock) -> NeighbourBlock:
 
 def _reference_sigma_m(block: KnownBlock) -> float:
     """Standard deviation per axis of a block's reference, metres; 0 without one."""
-    return reference_sigmas_m(block.project)[0] if block.project.reference.ortho else 0.0
+    reference = block.project.reference
+    return reference.sigmas_m(block.project.block.crs)[0] if reference.ortho else 0.0
 
 
 def _moved(one: KnownBlock, other: KnownBlock) -> Moved | None:

@@ -11,16 +11,14 @@ from typing import cast
 
 import numpy as np
 
-from app.block_schema import OPERATOR_NAMES, USUAL_NAMES, missing_reference
+from app.block_schema import OPERATOR_NAMES, USUAL_NAMES
 from app.block_sections import (
     BlockSection,
     OrthoSection,
-    OtherReference,
     SheetsSection,
     adjustment_options,
     check_attribute,
     ortho_section,
-    other_references,
     read_block,
     read_camera,
     sheets_section,
@@ -29,6 +27,7 @@ from app.block_sections import (
     taken_of,
 )
 from app.block_toml import FILE, Document, Table
+from app.references import ReferenceSection, read_reference
 from core.adjustment.adjusted import AdjustmentOptions
 from core.block import surveyed_point
 from core.control.stage import ControlStageOptions
@@ -46,10 +45,8 @@ from core.literature.published_chains import Preset
 from core.localisation.photo_orientation import OrientationOptions
 from core.localisation.stage import LocalisationOptions
 from core.matching.learned import LEARNED, check_network
-from core.matching.reference import DEM_SIGMA, ORTHO_SIGMA, ReferenceFiles
+from core.matching.reference import ReferenceFiles
 from core.quality.job_rules import JobRules
-from core.raster.dem import open_dem
-from core.raster.ortho import open_ortho
 from core.results import BlockInput
 from core.said import say
 from core.scans.stage import ScanInput
@@ -96,30 +93,6 @@ class ScansSection:
     """Height above sea from which they were taken, metres."""
     ties: Path | None = None
     """Tie points of another program, which are taken over instead of measured."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReferenceSection:
-    """`[reference]`."""
-
-    ortho: tuple[Path, ...] = ()
-    """Sheets of today's orthophoto; without any, no control is proposed."""
-    dem: tuple[Path, ...] = ()
-    """Files of terrain heights; without any, the ground is level."""
-    roads: tuple[Path, ...] = ()
-    """Road layers; without any, salient points of the ortho serve as control."""
-    ortho_sigma_m: float | None = None
-    """Standard deviation of a coordinate of the ortho, metres; None where it is not stated."""
-    dem_sigma_m: float | None = None
-    """Standard deviation of a height of the DEM, metres; None where it is not stated."""
-    buildings: Path | None = None
-    """Polygons that seams keep away from."""
-    bridges: Path | None = None
-    """3D polygons that replace the DEM under them."""
-    mask: Path | None = None
-    """Polygons within which nothing is matched."""
-    other: tuple[OtherReference, ...] = ()
-    """Further references, which judge and steer nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,12 +189,14 @@ def project_of(document: Document, *, brought: bool = False) -> Project:
         cause = say("nobody states the principal distance of {camera}.", camera=unknown)
         remedy = "State it in [camera], or let cameras be estimated."
         raise document.table("adjustment").error("cameras", cause, remedy)
+    scans = _scans(document, cameras)
+    dated = any(scan.taken for scan in scans.listed)
     return Project(
         document.path,
         read_block(document),
         cameras,
-        _scans(document, cameras),
-        _reference(document, brought or may_have_points(document)),
+        scans,
+        read_reference(document, brought or may_have_points(document), dated),
         _control(document),
         ortho_section(document),
         adjustment,
@@ -341,32 +316,6 @@ def _meant(listed: Mapping[str, ListedScan], pattern: str, folder: Path) -> list
     return exact or [scan for scan in scans if any(fnmatch(n, pattern) for n in names(scan))]
 
 
-def _reference(document: Document, brought: bool) -> ReferenceSection:
-    table = document.table("reference")
-    for needed in missing_reference(document.values, brought=brought):
-        if table.has("ortho"):
-            cause = say("is missing: without heights an ortho gives no control.")
-            remedy = say("Add terrain heights, or leave `ortho` out.")
-        else:
-            cause = say("is missing, and nothing else says where the block lies.")
-            remedy = say(
-                "Add ortho and dem, or surveyed points ([control] points), or exterior "
-                "orientations ([scans] exterior)."
-            )
-        raise table.error(needed, cause, remedy)
-    return ReferenceSection(
-        table.files("ortho"),
-        table.files("dem"),
-        table.files("roads"),
-        table.number("ortho_sigma_m") if table.has("ortho_sigma_m") else None,
-        table.number("dem_sigma_m") if table.has("dem_sigma_m") else None,
-        table.file("buildings"),
-        table.file("bridges"),
-        table.file("mask"),
-        other_references(document),
-    )
-
-
 def may_have_points(document: Document) -> bool:
     """Whether a block was opened before, so that points may have been brought into it."""
     return (document.path.parent / SESSION_FILE).is_file()
@@ -445,23 +394,6 @@ def described(project: Project, brought: Sequence[ListedPoint] = ()) -> BlockInp
     )
 
 
-def reference_sigmas_m(project: Project) -> tuple[float, float]:
-    """Standard deviations of ortho and heights, metres: as stated, else by their pixels.
-
-    Raises:
-        PhotogrammetryError: Nothing is stated, and a file cannot be read.
-    """
-    given, crs = project.reference, project.block.crs
-    ortho, dem = given.ortho_sigma_m, given.dem_sigma_m
-    if ortho is None:
-        pixel_m = open_ortho(given.ortho, crs).ground_sample_distance_m if given.ortho else 0.0
-        ortho = ORTHO_SIGMA.expected_m(pixel_m)
-    if dem is None:
-        cell_m = open_dem(given.dem, crs).ground_sample_distance_m if given.dem else 0.0
-        dem = DEM_SIGMA.expected_m(cell_m)
-    return ortho, dem
-
-
 def _reference_files(project: Project, listed: Sequence[ListedPoint]) -> ReferenceFiles:
     """The reference; where there is none, what control points tell of the ground.
 
@@ -472,7 +404,8 @@ def _reference_files(project: Project, listed: Sequence[ListedPoint]) -> Referen
     plan = np.array([(p.easting, p.northing) for p in control if p.role != "height"]).reshape(-1, 2)
     area = bounds_of(plan)
     reference = project.reference
-    ortho_sigma_m, dem_sigma_m = reference_sigmas_m(project)
+    ortho_sigma_m, dem_sigma_m = reference.sigmas_m(project.block.crs)
+    taken = [*project.taken.values()]
     return ReferenceFiles(
         crs=project.block.crs,
         ortho=reference.ortho,
@@ -484,6 +417,7 @@ def _reference_files(project: Project, listed: Sequence[ListedPoint]) -> Referen
         dem_sigma_m=dem_sigma_m,
         level_m=float(np.mean(known)) if known and not reference.dem else None,
         area=area if len(plan) and not reference.ortho else None,
+        layers=tuple(reference.layers(project.block.crs, taken, project.folder)),
     )
 
 

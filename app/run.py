@@ -14,6 +14,7 @@ from app.misfit import make_comparisons, make_misfit, make_places
 from app.mosaic import compare_neighbours, make_change, make_mosaic
 from app.orthos import make_orthos
 from app.project import Project, described
+from app.references import tied_to
 from app.report.against import read_earlier
 from app.report.checked import REMARK_COLUMNS, REMARKS, remark_rows
 from app.report.model import ReportContent, written_now
@@ -416,6 +417,7 @@ class Run:
             misfit=misfit,
             likely_faults=likely,
             sheets=self.results.sheets,
+            tied_to=tied_to(files, adjusted),
             comparisons=compared,
             timings_s=self.seconds,
             written=written_now(self.session.operator),

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
-from app.project import Project, reference_sigmas_m
+from app.project import Project
 from core.adjustment.adjusted import AdjustmentReport
 from core.arrays import Mask
 from core.doubts import Failure
@@ -158,13 +158,13 @@ def make_layers(
 
 def make_ground(session: Session, project: Project, surface: SurfaceProduct | Failure) -> None:
     """Choose what orthos stand on, unless that is the DEM or the choice is fresh."""
-    kind = cast("GroundKind", project.ortho.ground)
+    kind, crs = cast("GroundKind", project.ortho.ground), project.block.crs
     classes, corrections = session.results / CLASSES, session.results / CORRECTIONS
     if kind == "dem" or isinstance(surface, Failure):
         for path in (classes, corrections):
             path.unlink(missing_ok=True)
         return
-    digest_of, sigma_m = session.products.digest_of, reference_sigmas_m(project)[1]
+    digest_of, sigma_m = session.products.digest_of, project.reference.sigmas_m(crs)[1]
     inputs = digest_of("ground", VERSION, kind, sigma_m, *surface.files.paths)
     kept = session.products.load_value("ground", digest_of(inputs, classes, corrections))
     if kept is not None and classes.is_file() and corrections.is_file():

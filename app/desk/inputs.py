@@ -13,8 +13,9 @@ from aiohttp import web
 
 from app.bring_points import brought_points
 from app.desk.background import Adjust, Fill, Remake
+from app.desk.comparing import Comparing, Transferring, photographs
 from app.desk.exporting import Standing, export_routes
-from app.desk.measuring import Errors, Filling, PhotoToPhoto
+from app.desk.measuring import Filling, PhotoToPhoto
 from app.desk.mosaic import MosaicFile
 from app.job_rules import rules_on_disk
 from app.mosaic import make_change, make_mosaic
@@ -30,28 +31,30 @@ from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.expected_gain import expected_gains, measuring_gains
 from core.adjustment.influence import influence_of
 from core.adjustment.weights import Terrain
-from core.arrays import ObjectPoints
-from core.block import Block, Measurement, Photo
-from core.control.likeness import Likeness, likeness_about, search_options
-from core.control.located import Surroundings
+from core.block import Block, Photo
 from core.control.prediction import covariances_of, predict_points
 from core.control.stage import ControlFound, adjusted_without_gross
-from core.control.transfer import propose_by_ortho, refine_place, transfer_point
-from core.doubts import Doubt, Failure
+from core.doubts import Doubt
 from core.errors import ProjectError
 from core.geometry.camera import Camera
 from core.georeference.stage import Georeferenced
 from core.localisation.photo_orientation import OrientationOptions
 from core.localisation.stage import Localised
-from core.matching.patches import OpenPhoto
-from core.matching.reference import Reference, level_of, open_reference
+from core.matching.reference import (
+    DEM_SIGMA,
+    ORTHO_SIGMA,
+    Reference,
+    SigmasAt,
+    level_of,
+    open_reference,
+    usual_sigmas_m,
+)
 from core.progress import SILENT, Part, Progress
 from core.quality.job_rules import USUAL_RULES, JobRules
 from core.raster.ortho import Ortho
-from core.raster.scan_file import ScanFile, ScanFiles
+from core.raster.scan_file import ScanFiles
 from core.results import BlockInput
 from core.said import say
-from core.scans.photo_mask import with_drawn
 from core.scans.stage import ScanSet, find_like
 from sessions.checks import version_on_disk
 from sessions.session import HIDDEN, Session
@@ -72,8 +75,6 @@ from ui.review.to_measure import points_of_user
 from ui.views.meshes import SurfaceSource, TerrainOptions
 from ui.web.access import lasting_token
 
-SEARCH_M = 12.0
-"""How far about the expected place reference and scan are compared, metres."""
 MOSAIC_WORK = 2.0
 """Making the mosaic takes about as long as this many orthos."""
 
@@ -141,8 +142,10 @@ class DeskInputs:
     """Half the side of the patches the engine compared, metres; 0 when it compared none."""
     doubts: tuple[Doubt, ...] = ()
     """What the engine was unsure of."""
-    reference_sigma_m: tuple[float, float, float] = (0.25, 0.25, 0.5)
-    """Accuracy of ortho (east, north) and DEM, metres: of points chosen at the desk."""
+    sigmas_m: SigmasAt = usual_sigmas_m
+    """Standard deviations of ortho and DEM at places, of points chosen at the desk, metres."""
+    largest_m: tuple[float, float] = (ORTHO_SIGMA.usual_m, DEM_SIGMA.usual_m)
+    """The largest of each, metres."""
     initial: InitialState = NOTHING_INITIAL
     """What the photos began from: scans as they were found."""
     choose: Callable[[bool, bool], tuple[bool, bool]] | None = None
@@ -223,8 +226,8 @@ def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
         drawn,
         desk.initial,
         desk.doubts,
-        height_sigma_m=desk.reference_sigma_m[2],
-        ortho_sigma_m=desk.reference_sigma_m[0],
+        height_sigma_m=desk.largest_m[1],
+        ortho_sigma_m=desk.largest_m[0],
         ortho_pixel_m=desk.ortho.ground_sample_distance_m if desk.has_ortho else 0.0,
         exposed=desk.exposed,
     )
@@ -272,7 +275,8 @@ def desk_inputs(
         placing=standing_block(given, session, reference, placed),
         running=Running(project.file),
         doubts=(*(localised.doubts if localised else ()), *assembly.doubts),
-        reference_sigma_m=(files.ortho_sigma_m, files.ortho_sigma_m, files.dem_sigma_m),
+        sigmas_m=reference.sigmas_m,
+        largest_m=reference.largest_m,
         routes=export_routes(project, standing),
         results=session.results,
         rules=partial(rules_on_disk, project.file),
@@ -351,76 +355,6 @@ class Adjusting:
         free = cameras and self._given.estimate_cameras
         self._options = replace(self._given, estimate_cameras=free, robust=robust)
         return self.free
-
-
-@dataclass(frozen=True, slots=True)
-class Comparing:
-    """Compares reference and scan about a point, as the engine does when it proposes control."""
-
-    reference: Reference
-    """Ortho and heights."""
-    orientation: OrientationOptions
-    """Sizes of the patches."""
-    open_scan: Callable[[Path], ScanFile]
-    """Scans by their path."""
-
-    def __call__(self, photo: Photo, camera: Camera, position: ObjectPoints) -> Likeness | Failure:
-        """How alike both are about a position (1, 3)."""
-        opened = OpenPhoto(photo, camera, masked_scan(photo, self.open_scan))
-        options = search_options(opened, self.reference, self.orientation, SEARCH_M)
-        pixel = photo.pixel_from_object(position, camera)
-        return likeness_about(opened, self.reference, pixel, options)
-
-
-@dataclass(frozen=True, slots=True)
-class Transferring:
-    """Finds what photos show of a point in the other photos of a block."""
-
-    reference: Reference
-    """The terrain, and the ortho where the block has one."""
-    open_scan: Callable[[Path], ScanFile]
-    """Scans by their path."""
-
-    def proposals(
-        self, block: Block, errors: Errors, point_id: str, measured: Sequence[Measurement]
-    ) -> Sequence[Measurement]:
-        """Where photos show a point, each with its probability; nothing where none does.
-
-        By those in which it is measured; before there are any, by the ortho.
-        """
-        around, ortho = self._around(block, errors), self.reference.ortho
-        if measured:
-            found = transfer_point(around, point_id, measured)
-        elif ortho.is_there:
-            point = block.surveyed[point_id]
-            found = propose_by_ortho(around, point, ortho, self.reference.ortho_sigma_m)
-        else:
-            return ()
-        return () if isinstance(found, Failure) else found.proposals
-
-    def refined(
-        self, block: Block, errors: Errors, place: Measurement, measured: Sequence[Measurement]
-    ) -> Measurement | Failure:
-        """A place on what other photos show of its point."""
-        return refine_place(self._around(block, errors), place, measured)
-
-    def _around(self, block: Block, errors: Errors) -> Surroundings:
-        scans = {name: masked_scan(photo, self.open_scan) for name, photo in block.photos.items()}
-        return Surroundings(block, scans, errors.sigmas, self.reference.dem, joint=errors.joint)
-
-
-def photographs(read: ScanFiles, initial: InitialState) -> Callable[[Path], ScanFile]:
-    """Scans by their path, with what of each the program took for photograph."""
-    usable = {film.scan.path: film.scan.usable for film in initial.films.values()}
-    return lambda path: replace(read.opened(path), usable=usable.get(path))
-
-
-def masked_scan(photo: Photo, open_scan: Callable[[Path], ScanFile]) -> ScanFile:
-    """The scan of a photo, which knows what was drawn on it."""
-    scan = open_scan(photo.scan)
-    if not photo.mask:
-        return scan
-    return replace(scan, usable=with_drawn(scan.usable, photo.mask, scan.size_px))
 
 
 class OrthoMaker:

@@ -99,7 +99,7 @@ class ReviewLoop:
         self._worker = Worker(inputs.adjust, self.submit)
         self._remaker = Remaker(inputs.remake, self.submit)
         self._filler = None if inputs.fill is None else Filler(inputs.fill, self.submit)
-        tool = MeasuringTool(inputs.likeness, inputs.reference_sigma_m, inputs.transfer)
+        tool = MeasuringTool(inputs.likeness, inputs.sigmas_m, inputs.transfer)
         self._measurer, self._proposer = Measurer(tool, self.submit), Proposer()
         self._thread = threading.Thread(target=self._run, name="review", daemon=True)
 

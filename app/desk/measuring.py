@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from jaxtyping import Float64
 
 from app.desk.messages import Deliver, Measured, MeasuringBegun, ProposalsWanted, Proposed
 from app.settings import Threads
@@ -14,6 +15,7 @@ from core.control.likeness import OPERATOR, Likeness
 from core.control.prediction import EDGE_MM, JointErrors, shown_in
 from core.doubts import Failure
 from core.geometry.camera import Camera
+from core.matching.reference import SigmasAt, usual_sigmas_m
 from core.progress import Progress, Work
 from core.said import say
 from core.scans.centring import Centre
@@ -73,8 +75,8 @@ class MeasuringTool:
 
     likeness: LikenessSource | None = None
     """Compares reference and scan; None where there is nothing to compare with."""
-    sigma_m: tuple[float, float, float] = (0.25, 0.25, 0.5)
-    """Accuracy of reference ortho (east, north) and DEM, metres."""
+    sigmas_m: SigmasAt = usual_sigmas_m
+    """Standard deviations of reference ortho and DEM at places, metres."""
     transfer: PhotoToPhoto | None = None
     """Finds a place of some photos in others; None where the scans cannot be read."""
 
@@ -116,7 +118,8 @@ class MeasuringTool:
             return Measured(seat_id, None, Notice("notice.no-scan", grave=True))
         begun(MeasuringBegun(seat_id, Notice("notice.measuring", {"count": str(len(shown))})))
         name = next_name(ORTHO, desk)
-        found = measure_point(desk.state, name, place, (desk.dem, self.likeness), self.sigma_m)
+        known_m = self.sigmas_m(np.array([place]))[0]
+        found = measure_point(desk.state, name, place, (desk.dem, self.likeness), known_m)
         return Measured(seat_id, found, notice_of_point(found), known=len(desk.recorded))
 
     def _propose(self, wanted: ProposalsWanted, desk: DeskSnapshot) -> Proposed:
@@ -346,7 +349,7 @@ def measure_point(
     name: str,
     place: tuple[float, float],
     sources: tuple[HeightSource, LikenessSource | None],
-    sigma_m: tuple[float, float, float],
+    known_m: Float64[np.ndarray, "2"],
 ) -> AddPoint:
     """The point with a measurement in every scan that shows it.
 
@@ -358,7 +361,7 @@ def measure_point(
         name: Name of the new point.
         place: Easting and northing, metres.
         sources: Heights; and what compares reference and scan.
-        sigma_m: Accuracy of reference ortho and DEM, metres.
+        known_m: Standard deviations there of reference ortho per axis and DEM, metres.
     """
     dem, likeness = sources
     plane = np.array([place])
@@ -371,7 +374,8 @@ def measure_point(
         if likeness is not None:
             found = likeness(photo, camera, np.array([[*place, height]]))
         measured.append(_measured(name, photo_id, pixel, found))
-    return AddPoint(name, *place, height, sigma_m, tuple(measured))
+    plan_m, height_m = known_m.tolist()
+    return AddPoint(name, *place, height, (plan_m, plan_m, height_m), tuple(measured))
 
 
 def with_name(found: AddPoint, name: str) -> AddPoint:

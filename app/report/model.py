@@ -1,6 +1,5 @@
 """All figures of the report as one JSON-able value; the page shows nothing else."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
@@ -21,6 +20,7 @@ from app.report.accuracy import (
 )
 from app.report.against import compare_states
 from app.report.checked import checked_part
+from app.report.control import control_counts, reference_figures
 from app.report.decisions import decision_figures
 from app.report.drawing import map_figures
 from app.report.mosaic import fault_figures, misfit_figures, mosaic_figures
@@ -37,13 +37,13 @@ from core.control.calibration_check import Bin, calibration_error
 from core.doubts import Doubt
 from core.geometry.camera import Camera
 from core.geometry.crs import Bounds
+from core.matching.reference import ReferenceLayer
 from core.mosaic.comparison import MosaicAccuracy
 from core.mosaic.fault_places import FaultPlace, misfit_findings
 from core.mosaic.misfit_places import Misfit
 from core.mosaic.seam_fit import SeamFit
 from core.mosaic.seams import Seam
 from core.quality.assessment import assess_block
-from core.quality.controllability import unchecked_control
 from core.quality.job_rules import USUAL_RULES, JobRules
 from core.quality.judged_rules import judge_rules
 from core.quality.residuals import displacement
@@ -130,6 +130,8 @@ class ReportContent:
     """Places at which the mosaic is likely to be wrong, worst first."""
     sheets: Delivery | None = None
     """Map sheets that were cut from it; None where there are none."""
+    tied_to: Mapping[ReferenceLayer, int] = field(default_factory=dict[ReferenceLayer, int])
+    """References that photos are tied to, with their control points; empty where it is but one."""
     comparisons: Mapping[str, MosaicAccuracy] = field(default_factory=dict[str, MosaicAccuracy])
     """Mosaic against other orthos, by their name."""
     timings_s: Mapping[str, float] = field(default_factory=dict[str, float])
@@ -173,8 +175,15 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "adjustment": _adjustment_figures(report, rules),
         "checks": check_accuracy(report, rules),
         "checked": _checked_figures(content, footprints, findings, checked),
-        "comparisons": [comparison_accuracy(*item) for item in content.comparisons.items()],
-        "control": {**_control_figures(report), **control_in_use(report, content.influence)},
+        "comparisons": [
+            {**comparison_accuracy(*item), "tied": item[0] in {one.name for one in content.tied_to}}
+            for item in content.comparisons.items()
+        ],
+        "control": {
+            **control_counts(report),
+            **control_in_use(report, content.influence),
+            "references": reference_figures(content.tied_to),
+        },
         "residuals": residual_figures(report),
         "parameters": parameter_figures(report),
         "reliability": _reliability(content),
@@ -350,32 +359,6 @@ def _reliability(content: ReportContent) -> dict[str, Any]:
         "bins": [asdict(one) for one in content.reliability],
         "error": calibration_error(content.reliability),
         "proposals": sum(one.proposals for one in content.reliability),
-    }
-
-
-def _control_figures(report: AdjustmentReport) -> dict[str, Any]:
-    """Measurements by status, and every one that was not used with its reason."""
-    block = report.block
-    final = {key: report.final_status(m) for key, m in block.measurements.items()}
-    control = [key for key in final if block.surveyed[key[0]].role == "control"]
-    used = [key for key in control if final[key][0] in ("auto", "accepted")]
-    return {
-        "points_used": len({point for point, _ in used}),
-        "by_status": dict(Counter(final[key][0] for key in control)),
-        "unchecked": [
-            {"point_id": point, "scan": scan} for point, scan in unchecked_control(report)
-        ],
-        "left_out": [
-            {
-                "point_id": point,
-                "scan": scan,
-                "status": final[point, scan][0],
-                "reason": final[point, scan][1],
-                "residual_px": list(report.residuals_px.get((point, scan), (np.nan, np.nan))),
-            }
-            for point, scan in sorted(control)
-            if final[point, scan][0] not in ("auto", "accepted")
-        ],
     }
 
 

@@ -5,19 +5,20 @@ Where everything around a road has changed, the map still predicts strips of its
 tone.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import shapely
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
 from core.arrays import ObjectPoints, locked
 from core.block import Block
 from core.formats.roads import Roads, read_roads
 from core.geometry.crs import Bounds
-from core.raster.dem import Dem, level_ground, open_dem
-from core.raster.ortho import Ortho, no_ortho, open_ortho
+from core.raster.dem import Dem, PlanePoints, dems_laid_over, level_ground, open_dem
+from core.raster.ortho import Ortho, no_ortho, open_ortho, orthos_laid_over
 
 # design: the spacing of usual terrain models.
 STEP_M = 10.0
@@ -61,6 +62,31 @@ DEM_SIGMA = SigmaRule(0.5, 0.2, 0.025)
 """Of the heights of a terrain model, whose cells are the pixels."""
 
 
+SigmasAt = Callable[[PlanePoints], Float64[np.ndarray, "n 2"]]
+"""Standard deviations of a reference at places, of the ortho per axis and of the height, metres."""
+
+
+def usual_sigmas_m(plan: PlanePoints) -> Float64[np.ndarray, "n 2"]:
+    """Those of usual national data at places, metres."""
+    return np.tile((ORTHO_SIGMA.usual_m, DEM_SIGMA.usual_m), (len(plan), 1))
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceLayer:
+    """Ortho and heights of one time, and how good they are."""
+
+    name: str
+    """What the report calls it."""
+    ortho: tuple[Path, ...]
+    """Sheets of the ortho."""
+    dem: tuple[Path, ...]
+    """Files of the heights."""
+    ortho_sigma_m: float
+    """Standard deviation of the ortho per axis, metres."""
+    dem_sigma_m: float
+    """Standard deviation of a height, metres."""
+
+
 @dataclass(frozen=True, slots=True)
 class ReferenceFiles:
     """The files of a reference, and how good they are: keys of [reference] in `block.toml`."""
@@ -85,6 +111,9 @@ class ReferenceFiles:
     """Mean height of the user's surveyed points, metres: the ground where there is no DEM."""
     area: Bounds | None = None
     """West, south, east, north of those points, metres: where the block lies without an ortho."""
+    layers: tuple[ReferenceLayer, ...] = ()
+    """Where photos are tied to more than `ortho` and `dem`: all of it, these among it, in the order
+    of preference; each serves where those before it have nothing."""
 
     @property
     def knows_ground(self) -> bool:
@@ -124,11 +153,34 @@ class RoadLines:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class OpenLayer:
+    """Ortho and heights of one time, opened."""
+
+    name: str
+    """What the report calls it."""
+    ortho: Ortho | None
+    """None where it has heights alone."""
+    dem: Dem | None
+    """None where it has an ortho alone."""
+    sigmas_m: tuple[float, float]
+    """Standard deviations of the ortho per axis, and of a height, metres."""
+
+    def knows(self, plan: PlanePoints) -> Bool[np.ndarray, "n 2"]:
+        """Whether its ortho shows places, easting and northing, and its DEM has their heights."""
+        known = np.zeros((len(plan), 2), dtype=bool)
+        if self.ortho is not None:
+            known[:, 0] = self.ortho.shows(plan)
+        if self.dem is not None:
+            known[:, 1] = np.isfinite(self.dem.heights(plan))
+        return known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Reference:
     """The reference a block is oriented on."""
 
     ortho: Ortho
-    """Present-day ortho, seamless; one that is not there where the block has none."""
+    """Ortho, seamless; one that is not there where the block has none."""
     dem: Dem
     """Bare earth; level ground where the block has no DEM."""
     ortho_sigma_m: float
@@ -137,6 +189,31 @@ class Reference:
     """Standard deviation of a height, metres."""
     roads: RoadLines | None = None
     """Roads to be drawn into the photos; None where there are none."""
+    layers: tuple[OpenLayer, ...] = ()
+    """What ortho and heights are made up of, where that is more than one of each."""
+
+    def layers_at(self, plan: PlanePoints) -> Int64[np.ndarray, "n 2"]:
+        """Number of the layer that ortho and height of each place come from; -1 for none."""
+        found = np.full((len(plan), 2), -1, dtype=np.int64)
+        for number, layer in enumerate(self.layers):
+            found = np.where((found < 0) & layer.knows(plan), number, found)
+        return found
+
+    @property
+    def largest_m(self) -> tuple[float, float]:
+        """The largest standard deviations of ortho and heights, metres."""
+        all_m = [layer.sigmas_m for layer in self.layers]
+        ortho, dem = np.max([(self.ortho_sigma_m, self.dem_sigma_m), *all_m], axis=0).tolist()
+        return ortho, dem
+
+    def sigmas_m(self, plan: PlanePoints) -> Float64[np.ndarray, "n 2"]:
+        """Standard deviations at places, of the ortho per axis and of the height, metres."""
+        usual = (self.ortho_sigma_m, self.dem_sigma_m)
+        if not self.layers:
+            return np.tile(usual, (len(plan), 1))
+        # What no layer knows has those of the last row.
+        sigmas = np.array([*(layer.sigmas_m for layer in self.layers), usual])
+        return np.take_along_axis(sigmas, self.layers_at(plan), axis=0)
 
 
 def open_reference(
@@ -157,20 +234,40 @@ def open_reference(
         dem = dem.cropped(bounds)
     roads = None if bounds is None else read_roads(files.roads, files.crs, bounds)
     area = bounds or files.area or NOWHERE
+    orthos = [one.ortho for one in files.layers] or [files.ortho]
+    laid = [open_ortho(sheets, files.crs) for sheets in orthos if sheets]
     return Reference(
-        open_ortho(files.ortho, files.crs) if files.ortho else no_ortho(files.crs, area),
+        orthos_laid_over(laid) if laid else no_ortho(files.crs, area),
         dem,
         files.ortho_sigma_m,
         files.dem_sigma_m,
         None if roads is None else lines_on_ground(roads, dem),
+        tuple(_opened(one, files.crs) for one in files.layers),
     )
+
+
+def _opened(layer: ReferenceLayer, crs: str) -> OpenLayer:
+    ortho = open_ortho(layer.ortho, crs) if layer.ortho else None
+    dem = open_dem(layer.dem, crs) if layer.dem else None
+    return OpenLayer(layer.name, ortho, dem, (layer.ortho_sigma_m, layer.dem_sigma_m))
 
 
 def open_heights(files: ReferenceFiles, level_m: float = 0.0) -> Dem:
     """The DEM; without one, level ground at the mean height of surveyed points, or at `level_m`."""
-    if files.dem:
-        return open_dem(files.dem, files.crs)
+    given = [one.dem for one in files.layers if one.dem] or [files.dem]
+    if any(given):
+        return dems_laid_over([open_dem(dem, files.crs) for dem in given])
     return level_ground(level_m if files.level_m is None else files.level_m, files.crs)
+
+
+def count_by_layer(files: ReferenceFiles, plan: PlanePoints) -> dict[ReferenceLayer, int]:
+    """How many places each layer's ortho shows first; nothing where the reference is but one."""
+    opened = tuple(_opened(one, files.crs) for one in files.layers)
+    known = np.full(len(plan), -1, dtype=np.int64)
+    for number, layer in enumerate(opened):
+        left = np.flatnonzero(known < 0)
+        known[left[layer.knows(plan[left])[:, 0]]] = number
+    return {one: int((known == number).sum()) for number, one in enumerate(files.layers)}
 
 
 def level_of(block: Block) -> float:

@@ -21,7 +21,7 @@ from core.frames import HALF_PIXEL
 from core.geometry.crs import Bounds, parse_crs, shared_bounds
 from core.raster.files import TILES
 from core.raster.grid import Grid
-from core.raster.lattices import SheetSet, no_sheets, open_sheets
+from core.raster.lattices import SheetSet, laid_over, no_sheets, open_sheets
 from core.raster.sampling import Kernel, ReadOptions, read_onto
 from core.raster.sheets import label_parts
 
@@ -263,6 +263,12 @@ def open_dem(paths: Sequence[str | Path] | str | Path, crs: str) -> Dem:
     block = parse_crs(crs, "block.toml [block] crs")
     files = [paths] if isinstance(paths, str | Path) else list(paths)
     sheets = open_sheets(files, block, "DEM")
+    return Dem(sheets, sheets.grid)
+
+
+def dems_laid_over(dems: Sequence[Dem]) -> Dem:
+    """DEMs of one CRS as one: each has a say where those before it know no height."""
+    sheets = laid_over([dem.sheets for dem in dems])
     return Dem(sheets, sheets.grid)
 
 

@@ -93,7 +93,7 @@ class SheetSet:
     crs: str
     """The block's CRS."""
     lattices: tuple[Lattice, ...]
-    """Groups of sheets, finest pixels first."""
+    """Groups of sheets in the order they are taken, of one reference the finest first."""
     bounds: Bounds
     """West, south, east, north over all sheets, in the block's CRS, metres."""
     notes: tuple[Doubt, ...]
@@ -105,9 +105,14 @@ class SheetSet:
         return tuple(sheet for lattice in self.lattices for sheet in lattice.sheets)
 
     @property
+    def finest(self) -> Lattice:
+        """The one of the smallest pixels."""
+        return min(self.lattices, key=lambda lattice: lattice.ground_sample_distance_m)
+
+    @property
     def grid(self) -> Grid:
         """Pixels of the finest sheets, extended over all of them."""
-        finest = self.lattices[0]
+        finest = self.finest
         gsd, (west, _, _, north) = finest.ground_sample_distance_m, self.bounds
         if finest.square:
             # On their own pixels, values are read, not interpolated.
@@ -128,6 +133,16 @@ class SheetSet:
 def no_sheets(crs: str, bounds: Bounds) -> SheetSet:
     """A set that covers bounds (west, south, east, north, metres) with nothing."""
     return SheetSet(crs, (), bounds, ())
+
+
+def laid_over(sets: Sequence[SheetSet]) -> SheetSet:
+    """Sets of one CRS as one: each shows only where those before it have nothing."""
+    if len(sets) == 1:
+        return sets[0]
+    corners = np.array([one.bounds for one in sets]).reshape(-1, 2)
+    lattices = tuple(lattice for one in sets for lattice in one.lattices)
+    notes = tuple(note for one in sets for note in one.notes)
+    return SheetSet(sets[0].crs, lattices, bounds_of(corners), notes)
 
 
 def open_sheets(paths: Sequence[str | Path], crs: CRS, what: SheetKind) -> SheetSet:

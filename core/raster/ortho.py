@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Bool, Float32, Float64, UInt8
 
 from core.arrays import Mask
 from core.doubts import Doubt
 from core.geometry.crs import Bounds, parse_crs
 from core.raster.grid import Grid
-from core.raster.lattices import SheetSet, no_sheets, open_sheets
+from core.raster.lattices import SheetSet, laid_over, no_sheets, open_sheets
 from core.raster.sampling import ReadOptions, read_kept, read_onto
 
 # design: the majority.
@@ -54,7 +54,7 @@ class Ortho:
 
     @property
     def ground_sample_distance_m(self) -> float:
-        """Pixel size of the finest sheets, metres; of none, that of a picture on a screen."""
+        """Pixel size of the sheets taken first, metres; of none, that of a picture on a screen."""
         if not self.is_there:
             west, south, east, north = self.bounds
             return max(east - west, north - south) / SCREEN_PX
@@ -79,6 +79,13 @@ class Ortho:
         """Share of each grid pixel that the sheets fill, 0 to 1; overviews are used."""
         return read_onto(self.sheets, grid, ReadOptions("gray", exact_to=COARSE_TO)).coverage
 
+    def shows(self, plan: Float64[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
+        """Whether there is a pixel at each place, easting and northing."""
+        gsd = self.ground_sample_distance_m
+        pixels = [Grid(x - gsd / 2, y + gsd / 2, gsd, 1, 1) for x, y in plan.tolist()]
+        shares = [self.read_coverage(pixel)[0, 0] for pixel in pixels]
+        return np.array(shares, dtype=np.float64) >= LEAST_COVERAGE
+
     def read_colour(self, grid: Grid) -> UInt8[np.ndarray, "rows columns 3"]:
         """Red, green and blue on a grid, for showing: overviews are used; black where none."""
         options = ReadOptions("colour", exact_to=COARSE_TO, over_joins=False)
@@ -102,6 +109,11 @@ def open_ortho(paths: Sequence[str | Path], crs: str) -> Ortho:
     """
     block = parse_crs(crs, "block.toml [block] crs")
     return Ortho(open_sheets(paths, block, "ortho"))
+
+
+def orthos_laid_over(orthos: Sequence[Ortho]) -> Ortho:
+    """Orthos of one CRS as one: each shows where those before it have nothing."""
+    return Ortho(laid_over([ortho.sheets for ortho in orthos]))
 
 
 def no_ortho(crs: str, bounds: Bounds) -> Ortho:

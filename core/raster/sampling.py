@@ -1,4 +1,4 @@
-"""All sheets on one grid: finest first, coarser ones where those end, blended within a pixel.
+"""All sheets on one grid: each where those before it end, blended within a pixel.
 
 Where the axes of a lattice agree with the grid's, rows and columns are resampled one after the
 other; rotated sheets and those of another CRS are warped.
@@ -111,7 +111,7 @@ def read_onto(sheets: SheetSet, grid: Grid, options: ReadOptions) -> Sampled:
     coverage = np.zeros((grid.rows, grid.columns), dtype=np.float32)
     if not sheets.lattices:
         return Sampled(values, coverage)
-    finest = sheets.lattices[0].ground_sample_distance_m
+    finest = sheets.finest.ground_sample_distance_m
     reduction = grid.ground_sample_distance_m / finest
     # Exact reading holds original pixels, otherwise up to four cells to a pixel each way.
     across = max(1.0, reduction) if reduction <= options.exact_to else 4.0
@@ -137,7 +137,7 @@ def _read_part(lattices: Sequence[Lattice], grid: Grid, options: ReadOptions) ->
         found = _read_lattice(lattice, lattices[index + 1 :], grid, options)
         if found is None:
             continue
-        # The finest lattice has its say; the next fills what it leaves open.
+        # The first lattice has its say; the next fills what it leaves open.
         room = np.minimum(found.coverage, 1 - coverage)
         values += found.values * room
         coverage += room
@@ -148,16 +148,16 @@ def _read_part(lattices: Sequence[Lattice], grid: Grid, options: ReadOptions) ->
 
 
 def _read_lattice(
-    lattice: Lattice, coarser: Sequence[Lattice], grid: Grid, options: ReadOptions
+    lattice: Lattice, after: Sequence[Lattice], grid: Grid, options: ReadOptions
 ) -> Sampled | None:
     """One lattice on the grid; None where it has nothing there."""
     if lattice.north_up:
-        return _read_north_up(lattice, coarser, grid, options)
+        return _read_north_up(lattice, after, grid, options)
     return _read_slanted(lattice, grid, options)
 
 
 def _read_north_up(
-    lattice: Lattice, coarser: Sequence[Lattice], grid: Grid, options: ReadOptions
+    lattice: Lattice, after: Sequence[Lattice], grid: Grid, options: ReadOptions
 ) -> Sampled | None:
     """Axes agree: rows and columns are resampled one after the other, in double precision."""
     (a, _, c), (_, e, f) = lattice.plane_from_lattice
@@ -176,17 +176,17 @@ def _read_north_up(
     if options.over_joins and lattice.square and cells.weight.min() < 1:
         west, top = c + window.column * size * a, f + window.row * size * e
         place = Grid(float(west), float(top), float(a * size), window.columns, window.rows)
-        cells = _continue_cells(cells, coarser, place, options)
+        cells = _continue_cells(cells, after, place, options)
     return _sample_separable(
         cells, columns / size - window.column, rows / size - window.row, scale, options.kernel
     )
 
 
 def _continue_cells(
-    cells: Cells, coarser: Sequence[Lattice], place: Grid, options: ReadOptions
+    cells: Cells, after: Sequence[Lattice], place: Grid, options: ReadOptions
 ) -> Cells:
-    """Cells with coarser lattices going on where this one ends, so that kernels cross the join."""
-    reaching = [lattice for lattice in coarser if _reaches(lattice, place)]
+    """Cells with the next lattices going on where this one ends, so that kernels cross the join."""
+    reaching = [lattice for lattice in after if _reaches(lattice, place)]
     if not reaching:
         return cells
     rest = _read_part(reaching, place, options)

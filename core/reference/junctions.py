@@ -13,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from core.arrays import Position, Scalars, locked
 from core.geometry.crs import SAME_PLACE_M, Bounds
+from core.matching.reference import SigmasAt
 from core.raster.dem import Dem
 from core.reference.road_graph import RoadGraph, clusters
 
@@ -93,8 +94,7 @@ def find_junctions(
     graph: RoadGraph,
     dem: Dem,
     *,
-    ortho_sigma_m: float,
-    dem_sigma_m: float,
+    sigmas_m: SigmasAt,
     bounds: Bounds | None = None,
     mask: BaseGeometry | None = None,
     bridges: BaseGeometry | None = None,
@@ -104,8 +104,8 @@ def find_junctions(
     Args:
         graph: The planar graph of the roads.
         dem: Terrain; junctions outside it or in its gaps are left out.
-        ortho_sigma_m: Accuracy of the ortho, per axis: the patch comes from it, not from the lines.
-        dem_sigma_m: Accuracy of the DEM.
+        sigmas_m: Standard deviations at places: of the ortho per axis, since the patch comes from
+            it and not from the lines, and of the DEM.
         bounds: Only junctions within these, metres.
         mask: Area where nothing may be matched.
         bridges: Bridge areas: roads that only run through each other within one do not meet.
@@ -123,7 +123,7 @@ def find_junctions(
     places = _places(graph, junction, len(compact))
     kept = np.flatnonzero((degree >= 3) & _is_allowed(places, bounds, mask))
     found = _Found(places, compact, kept, arms, azimuths, owner)
-    return _with_heights(graph, dem, found, (ortho_sigma_m, dem_sigma_m))
+    return _with_heights(graph, dem, found, sigmas_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -292,12 +292,13 @@ def _is_allowed(
 
 
 def _with_heights(
-    graph: RoadGraph, dem: Dem, found: _Found, sigmas_m: tuple[float, float]
+    graph: RoadGraph, dem: Dem, found: _Found, sigmas_m: SigmasAt
 ) -> tuple[Junction, ...]:
     """The kept junctions with height, accuracy and what is known of their arms."""
     kept = found.kept[np.lexsort(found.places[found.kept].T[::-1])]
     places = found.places[kept]
     heights, slopes, filled = dem.heights(places), dem.slopes(places), dem.filled_at(places)
+    known_m = sigmas_m(places)
     wanted = np.isin(found.owner, kept)
     source = np.zeros(len(found.owner), dtype=np.int64)
     source[wanted] = _source(graph, found.arms.chosen(wanted))
@@ -315,7 +316,7 @@ def _with_heights(
             Junction(
                 junction_id=f"J{round(east * 10)}_{round(north * 10)}",
                 position=np.array([east, north, heights[row]]),
-                sigma_m=place_sigma_m(sigmas_m, (change, CHANGE_HEIGHT_M), slopes[row]),
+                sigma_m=place_sigma_m(known_m[row], (change, CHANGE_HEIGHT_M), slopes[row]),
                 degree=len(lines),
                 arm_azimuths=found.azimuths[own],
                 arm_kinds=tuple(str(words[line]) for line in lines),
@@ -328,7 +329,7 @@ def _with_heights(
 
 
 def place_sigma_m(
-    reference_m: tuple[float, float],
+    reference_m: Float64[np.ndarray, "2"],
     change_m: tuple[float, float],
     slope: Float64[np.ndarray, "2"],
 ) -> Position:

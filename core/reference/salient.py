@@ -330,7 +330,7 @@ def _point(
     heights = reference.dem.heights(places)
     if not np.isfinite(heights).all():
         return None
-    known_m = reference.ortho_sigma_m, reference.dem_sigma_m
+    known_m = reference.sigmas_m(places[:1])[0]
     east, north = (float(value) for value in places[0])
     return SalientPoint(
         point_id=f"S{round(east * 10)}_{round(north * 10)}",

@@ -107,7 +107,7 @@ def junctions_of(
     """Junctions of the roads within bounds (west, south, east, north, metres)."""
     return find_junctions(
         planar_graph(roads), reference.dem,
-        ortho_sigma_m=files.ortho_sigma_m, dem_sigma_m=files.dem_sigma_m, bounds=bounds,
+        sigmas_m=reference.sigmas_m, bounds=bounds,
         mask=_polygons(files.mask, files, bounds),
         bridges=_polygons(files.bridges, files, bounds),
     )  # fmt: skip

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import rasterio
 
-from app.block_sections import OtherReference
 from app.height_checks import height_doubts
 from app.project import described, read_project
+from app.references import OtherReference
 from core.block import SurveyedPoint
 
 

@@ -12,7 +12,8 @@ from affine import Affine
 
 from app.block_sections import BlockSection, OrthoSection
 from app.mosaic import make_mosaic, seam_guides
-from app.project import ListedScan, Project, ReferenceSection, ScansSection
+from app.project import ListedScan, Project, ScansSection
+from app.references import ReferenceSection
 from app.stage_lines import notes_ahead
 from core.errors import ProjectError, ReferenceDataError
 from core.formats.vectors import write_polygons

@@ -194,6 +194,15 @@ def test_further_references_are_read_as_the_reference_is__law(promised: Path) ->
         read(promised, PROMISE.replace("[[reference.other]]", "[[reference.other]]\nyear = 1957"))
 
 
+def test_ties_to_another_year_ask_for_years__law(folder: Path) -> None:
+    other, undated = '[[reference.other]]\northo = "ortho/1.tif"\nties = true\n', "year = 1953\n"
+    for more, remedy in (("", "Add year"), (undated, r"Add taken to \[scans\]")):
+        with pytest.raises(ProjectError, match=f"reference.other. ties: .*{remedy}, or leave"):
+            read(folder, TOML + other + more)
+    dated = TOML.replace('camera = "wide"', 'camera = "wide"\ntaken = "1938"')
+    assert read(folder, dated + other + undated).reference.other[0].ties
+
+
 def test_file_or_folder_is_the_same__truth(folder: Path) -> None:
     assert read(folder) == read_project(folder / "block.toml")
 

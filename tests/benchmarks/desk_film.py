@@ -10,7 +10,8 @@ import rasterio
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.transform import from_origin
 
-from app.desk.inputs import Comparing, DeskInputs
+from app.desk.comparing import Comparing
+from app.desk.inputs import DeskInputs
 from core.block import Photo
 from core.geometry.camera import Camera
 from core.geometry.interior import InteriorOrientation, fit_interior

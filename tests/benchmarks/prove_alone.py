@@ -65,8 +65,7 @@ def points_of(tiny: Tiny) -> ReferencePoints:
     junctions = find_junctions(
         planar_graph(read_roads(files, CRS, reference.dem.bounds)),
         reference.dem,
-        ortho_sigma_m=reference.ortho_sigma_m,
-        dem_sigma_m=reference.dem_sigma_m,
+        sigmas_m=reference.sigmas_m,
     )
     return gather_reference_points(
         reference, junctions, reference.ortho.bounds, first.width_m,

@@ -29,8 +29,7 @@ def junctions(tiny: Tiny):
     return find_junctions(
         planar_graph(read_roads(files, CRS, bounds)),
         tiny.reference.dem,
-        ortho_sigma_m=tiny.reference.ortho_sigma_m,
-        dem_sigma_m=tiny.reference.dem_sigma_m,
+        sigmas_m=tiny.reference.sigmas_m,
     )
 
 

@@ -14,7 +14,6 @@ from shapely.geometry import box
 
 from app.desk.inputs import (
     Adjusting,
-    Transferring,
     first_snapshot,
     first_state,
     last_results,
@@ -22,20 +21,16 @@ from app.desk.inputs import (
     template_m,
 )
 from app.desk.inputs import desk_inputs as inputs_of
-from app.desk.measuring import Errors
 from app.project import read_project
 from app.run import PAGE, WRITTEN
-from core.adjustment.adjusted import AdjustmentOptions, ExteriorSigmas
-from core.block import Measurement
+from core.adjustment.adjusted import AdjustmentOptions
 from core.errors import PhotogrammetryError
 from core.localisation.photo_orientation import OrientationOptions
 from core.progress import SILENT
-from core.raster.scan_file import open_scan
 from sessions.checks import results_digest
 from sessions.decisions import PlacePhoto
 from sessions.session import Session
 from tests.core.sheets.test_map_sheets import write
-from tests.core.ties.rendered import rendered_block, terrain
 from tests.tiny import Tiny
 from tests.ui.desk_block import OPTIONS, desk_inputs, tiny_block, tiny_snapshot
 
@@ -71,36 +66,6 @@ def test_what_is_held_is_the_certificate_not_an_estimate__law():
     assert estimated.cameras != block.cameras
     free.choose(cameras=False, robust=True)
     assert free(estimated).block.cameras == block.cameras
-
-
-@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
-def test_what_one_photo_shows_is_found_in_the_others__truth(tmp_path: Path):
-    _, block = rendered_block(tmp_path, 0.0)
-    photos = {
-        name: photo.with_exterior(photo.exterior, oriented=True)
-        for name, photo in block.photos.items()
-    }
-    block = block.with_photos(photos)
-    place = np.array([[700.0, 700.0, float(terrain(700.0, 700.0, 0.0))]])
-    places = {
-        name: photo.pixel_from_object(place, block.camera_of(name))[0]
-        for name, photo in block.photos.items()
-    }
-    first = next(iter(places))
-    measured = [Measurement("P", first, *places[first].tolist(), 0.3, status="accepted")]
-    level = SimpleNamespace(heights=lambda plane: terrain(plane[:, 0], plane[:, 1], 0.0))
-    sigmas = {name: ExteriorSigmas(np.full(3, 0.5), np.full(3, 3e-4)) for name in block.photos}
-    errors = Errors(sigmas)
-    reference = SimpleNamespace(
-        ortho=SimpleNamespace(is_there=False), dem=level, ortho_sigma_m=0.25
-    )
-    finder = Transferring(reference, open_scan)
-    found = finder.proposals(block, errors, "P", measured)
-    assert len(found) >= 1
-    for item in found:
-        assert np.hypot(*(item.pixel[0] - places[item.photo_id])) < 1.0
-        assert item.score > 0.5
-    assert finder.proposals(block, errors, "P", []) == ()
 
 
 def test_the_chosen_adjustment_is_the_engines__oracle():

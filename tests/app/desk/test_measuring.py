@@ -45,7 +45,7 @@ from ui.review.new_points import ORTHO, next_name
 from ui.review.outcome import outcome_of
 from ui.review.state import DeskState, Seat
 
-SIGMA = (0.25, 0.25, 0.5)
+KNOWN_M = np.array([0.25, 0.5])
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +90,7 @@ def test_at_the_edge_of_the_only_frame_a_point_is_still_found__law(state):
 def test_a_new_point_lies_on_the_peak_of_likeness__truth(state):
     dem, place = tiny_block().land.dem, state.block.surveyed["J150"].position[:2]
     east, north = (float(value) for value in place)
-    found = measure_point(state, "H1", (east, north), (dem, hill), SIGMA)
+    found = measure_point(state, "H1", (east, north), (dem, hill), KNOWN_M)
     shown = photos_showing(state, place[None], dem)
     assert len(found.measured) == len(shown) >= 2
     for item in found.measured:
@@ -113,7 +113,7 @@ def test_on_a_bare_field_a_point_waits_for_the_operator__truth(state):
     """A height of 3 sigma: below what chance brings, said so, and no part of the adjustment."""
     dem, place = tiny_block().land.dem, state.block.surveyed["J150"].position[:2]
     east, north = (float(value) for value in place)
-    found = measure_point(state, "H1", (east, north), (dem, bare_field), SIGMA)
+    found = measure_point(state, "H1", (east, north), (dem, bare_field), KNOWN_M)
     assert found.measured
     for item in found.measured:
         assert (item.status, item.used) == ("dubious", False)

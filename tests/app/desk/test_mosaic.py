@@ -12,7 +12,8 @@ from app.block_sections import BlockSection
 from app.desk.mosaic import MosaicFile, SheetMaker, sheet_routes
 from app.desk.watched_job import WatchedJob
 from app.mosaic import make_mosaic
-from app.project import ListedScan, Project, ReferenceSection, ScansSection
+from app.project import ListedScan, Project, ScansSection
+from app.references import ReferenceSection
 from core.errors import Cancelled, ProjectError
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.seam_edits import SeamArea, SeamLine

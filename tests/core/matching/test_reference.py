@@ -1,6 +1,10 @@
 """The reference held in memory is the one on disk; its roads lie on the ground."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
+import pytest
 import shapely
 
 from core.formats.roads import Roads, no_roads
@@ -8,10 +12,16 @@ from core.matching.reference import (
     STEP_M,
     USUAL_WIDTH_M,
     WIDTHS_M,
+    ReferenceFiles,
+    ReferenceLayer,
+    count_by_layer,
     lines_on_ground,
     open_reference,
 )
+from core.raster.grid import Grid
 from core.synthetic.options import CRS
+from tests.core.raster_files import CRS as PLANE
+from tests.core.raster_files import NORTH, WEST, place, write_raster
 
 
 def test_heights_held_in_memory_are_those_on_disk__law(given, placed):
@@ -53,3 +63,32 @@ def test_no_roads_are_no_lines__law(tiny):
     lines = lines_on_ground(no_roads(CRS), tiny.reference.dem)
     assert len(lines.first) == 0
     assert lines.within((-1e7, -1e7, 1e7, 1e7)) == []
+
+
+def test_each_layer_serves_where_those_before_it_have_nothing__law(tmp_path: Path) -> None:
+    """An old ortho of coarse pixels over the west, today's fine one over all."""
+    old = write_raster(tmp_path / "old.tif", np.full((50, 50), 60, np.uint8), place(2.0))
+    today = write_raster(tmp_path / "today.tif", np.full((200, 400), 180, np.uint8), place(0.5))
+    hill = write_raster(tmp_path / "hill.tif", np.full((10, 10), 300, np.float32), place(10.0))
+    plain = write_raster(tmp_path / "plain.tif", np.full((100, 200), 250, np.float32), place(1.0))
+    layers = (
+        ReferenceLayer("old", (old,), (), 1.5, 0.5),
+        ReferenceLayer("hill", (), (hill,), 0.25, 4.0),
+        ReferenceLayer("today", (today,), (plain,), 0.3, 0.6),
+    )
+    files = ReferenceFiles(PLANE, (today,), (plain,), ortho_sigma_m=0.3, dem_sigma_m=0.6)
+    files = replace(files, layers=layers)
+    reference = open_reference(files)
+    west, east, beyond = (np.array([[WEST + x, NORTH - 50.0]]) for x in (50.0, 150.0, 500.0))
+    plan = np.vstack([west, east, beyond])
+    assert reference.layers_at(plan).tolist() == [[0, 1], [2, 2], [-1, -1]]
+    assert reference.sigmas_m(plan).tolist() == [[1.5, 4.0], [0.3, 0.6], [0.3, 0.6]]
+    assert list(count_by_layer(files, plan).values()) == [1, 0, 1]
+    seen = reference.ortho.read(Grid(WEST, NORTH, 1.0, 200, 100)).values
+    # Kernels reach over the rim of the old ortho.
+    assert seen[8:-8, 8:92] == pytest.approx(60, abs=1e-3)
+    assert seen[8:-8, 108:-8] == pytest.approx(180, abs=1e-3)
+    heights = reference.dem.heights(plan)
+    assert heights[:2].tolist() == [300, 250]
+    assert np.isnan(heights[2])
+    assert reference.dem.ground_sample_distance_m == 1.0

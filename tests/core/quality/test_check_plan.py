@@ -46,9 +46,8 @@ def places(plan: DrawnPlan) -> np.ndarray:
 @pytest.fixture(scope="module")
 def junctions(tiny: Tiny) -> tuple[Junction, ...]:
     roads = read_roads(sorted(Path(tiny.folder, "roads").glob("*.shp")), CRS)
-    return find_junctions(
-        planar_graph(roads), tiny.reference.dem, ortho_sigma_m=0.25, dem_sigma_m=0.5
-    )
+    reference = tiny.reference
+    return find_junctions(planar_graph(roads), reference.dem, sigmas_m=reference.sigmas_m)
 
 
 def test_every_cell_has_one_place_within_the_ground__law(ortho: Ortho) -> None:

@@ -14,7 +14,10 @@ from core.reference.junctions import find_junctions
 from core.reference.road_graph import clusters, planar_graph
 from tests.core.raster_files import CRS, NORTH, WEST, place, write_raster
 
-SIGMAS = {"ortho_sigma_m": 0.25, "dem_sigma_m": 0.5}
+
+def sigmas_m(plan):
+    """Of ortho and heights, the same everywhere."""
+    return np.tile((0.25, 0.5), (len(plan), 1))
 
 
 def roads_of(*lines, levels=None, kinds=None, layers=None) -> Roads:
@@ -38,7 +41,11 @@ def flat(tmp_path_factory):
 
 def junctions(flat, *lines, bridges=None, mask=None, **attributes):
     return find_junctions(
-        planar_graph(roads_of(*lines, **attributes)), flat, **SIGMAS, bridges=bridges, mask=mask
+        planar_graph(roads_of(*lines, **attributes)),
+        flat,
+        sigmas_m=sigmas_m,
+        bridges=bridges,
+        mask=mask,
     )
 
 
@@ -169,7 +176,9 @@ def test_a_row_of_driveways_is_not_one_junction__truth(flat):
 def test_masks_bounds_and_dem_leave_out__truth(flat):
     assert not junctions(flat, *CROSS, mask=shapely.box(WEST, NORTH - 1000, WEST + 900, NORTH))
     graph = planar_graph(roads_of(*CROSS))
-    assert not find_junctions(graph, flat, **SIGMAS, bounds=(WEST, NORTH - 400, WEST + 900, NORTH))
+    assert not find_junctions(
+        graph, flat, sigmas_m=sigmas_m, bounds=(WEST, NORTH - 400, WEST + 900, NORTH)
+    )
     beyond = [[(x + 2000, y) for x, y in line] for line in CROSS]
     assert not junctions(flat, *beyond)
 
@@ -248,7 +257,7 @@ def test_vovcha_junctions__real(shared_data):
     folder = shared_data / "vovcha-film"
     roads = read_roads(sorted((folder / "roads").glob("*.shp")), "EPSG:26918")
     dem = open_dem(folder / "dem.tif", "EPSG:26918")
-    found = find_junctions(planar_graph(roads), dem, **SIGMAS)
+    found = find_junctions(planar_graph(roads), dem, sigmas_m=sigmas_m)
     # 40 nodes of degree three and four of degree four; some of them lie beyond the DEM.
     assert len(found) == 36
     west, south, east, north = dem.bounds
