@@ -197,7 +197,8 @@ def test_an_accepted_blunder_passes_its_filter_and_heads_the_queue__truth(seed, 
     assert row_line(rows[key])[-6] == round(rows[key].disputed_m, 1)
     # One figure for one misfit: what is asked before it is kept, the row, the verdict.
     shown = misfits(state, (key,))[key]
-    assert (shown.ratio, math.hypot(*shown.metres)) == (rows[key].sigmas, rows[key].disputed_m)
+    asked = (shown.ratio, math.hypot(*shown.metres))
+    assert asked == pytest.approx((rows[key].sigmas, rows[key].disputed_m), rel=1e-12)
     told, *_ = judge_block(assess_block(report), report)
     assert f"{rows[key].sigmas:.1f}" == told.values["test"]
     before = DeskState(flown, adjust_block(flown), made=made_with(flown))
