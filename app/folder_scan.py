@@ -249,7 +249,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _passed_over(place: Path) -> bool:
-    return place.name.startswith(".") or place.name in OWN or (place / FILE).is_file()
+    return place.name.startswith(".") or place.name in OWN or os.path.isfile(place / FILE)
 
 
 def _each(

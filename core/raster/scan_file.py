@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import UInt8
+from rasterio._err import CPLE_BaseError
 
 from core.arrays import Flags, Indices, Mask, PixelPoints, locked
 from core.errors import ScanError
@@ -163,7 +164,16 @@ def open_scan(path: Path) -> ScanFile:
     _check_file(path)
     with open_dataset(path) as dataset:
         size = dataset.width, dataset.height
-        scan = ScanFile(path, size, shown_count(dataset), dataset.dtypes[0])
+        try:
+            bands = shown_count(dataset)
+        except CPLE_BaseError as error:
+            # GDAL looks for colours beside the scan as well.
+            raise ScanError(
+                path,
+                say("A file beside it cannot be read ({error}).", error=str(error)),
+                "Let everybody read it, or take it away.",
+            ) from error
+        scan = ScanFile(path, size, bands, dataset.dtypes[0])
         if scan.dtype not in READABLE:
             raise ScanError(
                 path,
