@@ -14,7 +14,7 @@ import numpy as np
 import rasterio
 from jaxtyping import Float32, Num
 from rasterio._env import set_gdal_config
-from rasterio.errors import NotGeoreferencedWarning
+from rasterio.errors import NotGeoreferencedWarning, RasterioIOError
 
 from core.formats.records import status_of
 
@@ -193,7 +193,11 @@ def open_plain(path: Path | str, options: Mapping[str, Any]) -> Any:
     with OPENING, warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         set_gdal_config("GDAL_CACHEMAX", GDAL_BYTES)
-        return rasterio.open(path, **options)
+        try:
+            return rasterio.open(path, **options)
+        except UnicodeDecodeError as error:
+            # GDAL quotes what a spoilt file holds, and rasterio reads what GDAL says.
+            raise RasterioIOError("the file holds what is no text") from error
 
 
 OPENING = Lock()
