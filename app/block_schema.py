@@ -12,6 +12,7 @@ from core.literature.baselines import OPERATORS
 from core.literature.published_chains import Preset
 from core.matching.learned import LEARNED
 from core.matching.operators import USUAL
+from core.orthos.rectification import OrthoOptions, Resampling
 from core.said import say
 from core.sheets.cutting import SUFFIXES
 from core.sheets.stage import LOSSY_PERCENT
@@ -84,6 +85,8 @@ PERCENT = Unit("hundredths", 0.5, 100)
 """Sizes beside the uncompressed one."""
 YEARS = Unit("years", 1858, 2100)
 """Of photographs from the air."""
+EDGE_MM = Unit("millimetres", 0.0, 100, (("micrometres", 0.001),))
+"""Strips along the edge of a frame."""
 RISK = Unit("a probability", 1e-6, 0.1)
 """Of rejecting what is good."""
 
@@ -110,7 +113,7 @@ class Key:
     """Where the form has it."""
 
 
-DEFAULT = AdjustmentOptions()
+DEFAULT, RECTIFIED = AdjustmentOptions(), OrthoOptions()
 SIDES = ("", "left", "right", "top", "bottom")
 OPERATOR_NAMES = (*OPERATORS, LEARNED)
 USUAL_NAMES = tuple(operator.name for operator in USUAL)
@@ -211,6 +214,9 @@ ORTHO = (
     Key("balance", "flag", True),
     Key("tone", "text", "", asked="more"),
     Key("ground", "choice", "dem", choices=get_args(GroundKind)),
+    Key("area", "file", asked="more"),
+    Key("resampling", "choice", RECTIFIED.resampling, choices=get_args(Resampling), asked="more"),
+    Key("edge_mm", "number", RECTIFIED.edge_mm, unit=EDGE_MM, asked="more"),
 )
 SURFACE = (
     Key("gsd_m", "number", unit=METRES),

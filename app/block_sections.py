@@ -1,9 +1,8 @@
-"""Sections of `block.toml`: all but those that `app/project.py` reads itself."""
+"""Sections of `block.toml`: all but map sheets, and those that `app/project.py` reads itself."""
 
 import os
-import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import date, datetime
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -24,11 +23,9 @@ from core.geometry.camera import SETS, Camera, additional_set, polynomial_from_t
 from core.geometry.collinearity import CORRECTIONS
 from core.geometry.crs import parse_crs, read_crs
 from core.georeference.principal_distance import camera_types, proposed_distances, types_named
+from core.orthos.rectification import Resampling
 from core.quality.job_rules import USUAL_RULES, JobRules
 from core.said import say
-from core.sheets.cutting import Form
-from core.sheets.map_sheets import NAME, Corner, check_corners
-from core.sheets.stage import LOSSY_PERCENT
 from core.surface.stage import SurfaceOptions
 
 MARKS = (0, 4, 8)
@@ -36,7 +33,6 @@ MARKS = (0, 4, 8)
 TAKEN = ("file", "time")
 """Columns of a list of times."""
 NO_DATE = "Write a day, a month or a year: 1938-05-16, 1938-05 or 1938."
-PRODUCT = re.compile(r"[A-Z]{4}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,38 +62,12 @@ class OrthoSection:
     """What orthos stand on: `dem`, `surface` or `auto`."""
     tone: str = ""
     """Whose tone a balanced mosaic has: `reference`, a scan, or all photos' mean."""
-
-
-@dataclass(frozen=True, slots=True)
-class SheetsSection:
-    """`[sheets]`, and the index layer of `[ortho]`."""
-
-    index: Path | None = None
-    """Polygons of the map sheets, with the attribute `name`."""
-    rule: str = ""
-    """Where there is no index: `sm5` for the sheets of the State Map 1:5000."""
-    sm50: Mapping[str, Corner] = field(default_factory=dict[str, Corner])
-    """North-east corners of sheets 1:50 000 by their letters, EPSG:5514."""
-    formats: tuple[Form, ...] = ("geotiff",)
-    crs: tuple[str, ...] = ()
-    """CRS beside the block's own."""
-    overlap_m: float = 0.0
-    """Rim of its neighbours that a sheet shows too, metres."""
-    border: Path | None = None
-    """Polygons beyond which sheets show nothing."""
-    border_m: float = 100.0
-    """How far beyond the border they still show something, metres."""
-    lossy_percent: float = LOSSY_PERCENT
-    """Size of lossy files, in hundredths of the uncompressed ones."""
-    product: str = ""
-    """Four letters that names of files begin with; empty: sheets keep their names."""
-    year: int | None = None
-    """Year in names; None takes that of the latest photo shown."""
-
-    @property
-    def asked(self) -> bool:
-        """Whether sheets are wanted."""
-        return self.index is not None or bool(self.rule)
+    area: Path | None = None
+    """Polygons outside of which nothing is made."""
+    resampling: Resampling = "cubic"
+    """Kernel by which scans are sampled."""
+    edge_mm: float = 1.0
+    """Strip along the frame's edge that is left out, millimetres."""
 
 
 def read_camera(document: Document, name: str) -> Camera:
@@ -317,7 +287,27 @@ def ortho_section(document: Document) -> OrthoSection:
     """The options of `[ortho]`, but for its map sheets."""
     table = document.table("ortho")
     gsd_m = table.number("gsd_m") if table.has("gsd_m") else None
-    return OrthoSection(gsd_m, table.flag("balance"), table.choice("ground"), table.text("tone"))
+    return OrthoSection(
+        gsd_m,
+        table.flag("balance"),
+        table.choice("ground"),
+        table.text("tone"),
+        area=table.file("area"),
+        resampling=cast("Resampling", table.choice("resampling")),
+        edge_mm=table.number("edge_mm"),
+    )
+
+
+def check_edge(document: Document, section: OrthoSection, cameras: Mapping[str, Camera]) -> None:
+    """Make sure that something is left of every frame within its edge."""
+    for name, camera in cameras.items():
+        if 2 * section.edge_mm >= min(camera.frame_mm):
+            cause = say("leaves nothing of the frame of {camera}.", camera=name)
+            remedy = say(
+                "Write less than half of its shorter side, {side:g} mm.",
+                side=min(camera.frame_mm),
+            )
+            raise document.table("ortho").error("edge_mm", cause, remedy)
 
 
 def _sets(table: Table) -> tuple[str, ...]:
@@ -368,51 +358,6 @@ def check_attribute(table: Table, file_key: str, path: Path, key: str, attribute
         raise table.error(key, cause, hint)
 
 
-def sheets_section(document: Document) -> SheetsSection:
-    """What `block.toml` says of map sheets.
-
-    Raises:
-        ProjectError: Something in it cannot be used.
-    """
-    ortho, table = document.table("ortho"), document.table("sheets")
-    index = ortho.file("sheets")
-    if index is not None:
-        check_attribute(ortho, "sheets", index, "sheets", NAME)
-    for crs in (systems := table.words("crs")):
-        _refusing(table, "crs", lambda crs=crs: read_crs(crs, ""))
-    product = table.text("product")
-    if product and not PRODUCT.fullmatch(product):
-        remedy = 'Write its four capital letters: "ORTO".'
-        raise table.error("product", say("{product!r} is no product.", product=product), remedy)
-    return SheetsSection(
-        index=index,
-        rule=table.choice("rule"),
-        sm50=_corners(table),
-        formats=cast("tuple[Form, ...]", table.words("formats")),
-        crs=systems,
-        overlap_m=table.number("overlap_m"),
-        border=table.file("border"),
-        border_m=table.number("border_m"),
-        lossy_percent=table.number("lossy_percent"),
-        product=product,
-        year=int(table.number("year")) if table.has("year") else None,
-    )
-
-
-def _corners(table: Table) -> dict[str, Corner]:
-    """Corners of sheets 1:50 000 by their letters."""
-    given: object = table.values.get("sm50", {})
-    if not isinstance(given, dict):
-        remedy = "Write { HUST = [-575000, -1180000] }."
-        raise table.error("sm50", "must name each corner.", remedy)
-    corners: dict[str, Corner] = {}
-    for name, value in cast("dict[str, object]", given).items():
-        east, north = table.sequence("sm50", value, 2)
-        corners[name] = east, north
-    _refusing(table, "sm50", lambda: check_corners(corners, ""))
-    return corners
-
-
 def read_block(document: Document) -> BlockSection:
     """The table `[block]`.
 
@@ -422,9 +367,9 @@ def read_block(document: Document) -> BlockSection:
     """
     table = document.table("block", required=True)
     crs, heights = table.text("crs"), table.text("heights")
-    _refusing(table, "crs", lambda: parse_crs(crs, ""))
+    refusing(table, "crs", lambda: parse_crs(crs, ""))
     if heights.upper().startswith("EPSG:"):
-        _refusing(table, "heights", lambda: _check_heights(heights))
+        refusing(table, "heights", lambda: _check_heights(heights))
     rules = read_rules(table.file("rules"))
     return BlockSection(table.text("name"), crs, heights, _corrections(table), rules)
 
@@ -448,7 +393,7 @@ def _corrections(table: Table) -> tuple[str, ...]:
     return tuple(name for name in CORRECTIONS if name in given)
 
 
-def _refusing(table: Table, key: str, check: Callable[[], object]) -> None:
+def refusing(table: Table, key: str, check: Callable[[], object]) -> None:
     """A check of the engine's, told with the line of its key."""
     try:
         check()

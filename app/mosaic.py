@@ -15,6 +15,7 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj import CRS
 from shapely.geometry.base import BaseGeometry
 
+from app.orthos import read_area
 from app.project import Project
 from core.block import Photo
 from core.errors import ProjectError, ReferenceDataError
@@ -86,11 +87,11 @@ def make_mosaic(
     """
     products = session.products
     target, seams = session.results / FILE, session.results / SEAMS
-    options = MosaicOptions(balance=project.ortho.balance)
+    options = MosaicOptions(balance=project.ortho.balance, area=read_area(project))
     edited = _edited(session, seams)
     hand = ByHand(standing_seam_edits(session.decisions()))
     wanted = (list(orthos), options, edited, *hand.if_any, *_looked_at(project))
-    inputs = products.digest_of("mosaic", 7, *wanted)
+    inputs = products.digest_of("mosaic", 8, *wanted)
     kept = None if anew else products.load_value("mosaic", products.digest_of(inputs, target))
     if kept is not None and seams.is_file():
         return kept

@@ -1,6 +1,8 @@
 """The stage `orthos` of a block on disk: one file for each photo, made where it is not fresh."""
 
 import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +10,18 @@ import numpy as np
 from app.project import Project
 from app.surface import chosen_ground, usable_parts
 from core.block import Block, Photo
-from core.errors import ScanError
-from core.orthos.rectification import OrthoProduct, ortho_grid, rectify_photo
-from core.orthos.scan_places import LARGEST_SPACING
+from core.errors import ProjectError, ScanError
+from core.formats.vectors import read_mask_polygons
+from core.geometry.areas import Area, only_areas
+from core.geometry.crs import parse_crs
+from core.orthos.rectification import (
+    OrthoOptions,
+    OrthoProduct,
+    area_within,
+    ortho_grid,
+    rectify_photo,
+)
+from core.orthos.scan_places import LARGEST_SPACING, Heights
 from core.progress import Part, Progress
 from core.raster.dem import RIM_PX, Dem
 from core.raster.grid import Grid
@@ -32,57 +43,112 @@ def make_orthos(
     anew: bool = False,
     only: frozenset[str] | None = None,
 ) -> list[OrthoProduct]:
-    """Orthos of all oriented photos; those that are fresh stay as they are; raises as `pictured`.
+    """Orthos of all oriented photos that reach the area asked for; fresh ones stay as they are.
 
-    Those of photos that no longer take part are removed.
+    Those of other photos are removed.
 
     Args:
         session: Where they are kept.
-        project: For the ground sample distance.
+        project: For pixel, area, edge and kernel.
         block: The adjusted block.
         dem: Heights.
         progress: Told per photo.
         anew: Make all of them again.
-        only: Make no others than these; the rest stays as it is on disk.
+        only: Make no others than these; the rest stays as it is.
+
+    Raises:
+        PhotogrammetryError: As `pictured` and `read_polygons`, or no photo reaches the area.
     """
-    digest_of = session.products.digest_of
-    photos = pictured(block)
-    gsd = project.ortho.gsd_m or default_gsd_m(block)
-    usable = usable_parts(session)
+    digest_of, usable = session.products.digest_of, usable_parts(session)
+    options = OrthoOptions(edge_mm=project.ortho.edge_mm, resampling=project.ortho.resampling)
     heights, corrections = chosen_ground(session, project, dem, block.search_bounds)
     orthos: list[OrthoProduct] = []
-    wanted = len(photos) if only is None else max(len(only), 1)
-    made_now = 0
-    for photo in photos:
-        camera = block.camera_of(photo.photo_id)
-        stage = f"ortho/{photo.photo_id}"
-        ground = ground_under(ortho_grid(photo, camera, heights, gsd), dem, project)
-        inputs = digest_of(stage, 5, photo, camera, gsd, (*ground, *corrections), photo.scan)
+    places = list(_places(session, project, block, heights))
+    wanted, made_now = len(places) if only is None else max(len(only), 1), 0
+    for photo, grid, part in places:
+        camera, stage = block.camera_of(photo.photo_id), f"ortho/{photo.photo_id}"
+        ground = (*ground_under(grid, dem, project), *corrections)
+        gsd, asked = grid.ground_sample_distance_m, _asked(options, part)
+        inputs = digest_of(stage, 5, photo, camera, gsd, ground, photo.scan, *asked)
         target = session.results / FOLDER / f"{photo.photo_id}.tif"
         # The file itself counts as well: one that was cut, replaced or removed is made again.
         kept = None if anew else session.products.load_value(stage, digest_of(inputs, target))
         if only is not None and photo.photo_id not in only:
             kept = session.products.latest_value(stage) or kept
-        if kept is None or not target.is_file():
-            part = Part(progress, made_now / wanted, min((made_now + 1) / wanted, 1.0))
-            part.report(0, 1, photo.photo_id)
+        new = kept is None or not target.is_file()
+        if kept is None or new:
+            share = Part(progress, made_now / wanted, min((made_now + 1) / wanted, 1.0))
+            share.report(0, 1, photo.photo_id)
             keep_version(session.products)
             with whole_file(target) as temporary:
-                shown = usable(photo.photo_id)
-                made = rectify_photo(
-                    photo, camera, heights, gsd, temporary, block.crs, usable=shown, progress=part
-                )
-            kept = OrthoProduct(made.photo_id, target, made.grid, made.covered_share, made.nadir)
+                kept = rectify_photo(
+                    photo, camera, heights, grid, temporary, block.crs, area=part,
+                    usable=usable(photo.photo_id), options=options, progress=share,
+                )  # fmt: skip
+            kept = replace(kept, path=target)
             session.products.save_value(f"made-with/{photo.photo_id}", inputs, (photo, camera))
             session.products.save_value(stage, digest_of(inputs, target), kept)
-            made_now += 1
-        elif only is None:
-            made_now += 1
+        made_now += new or only is None
         orthos.append(kept)
     progress.report(1, 1)
+    _check_any(orthos, project)
     if only is None:
-        _remove_others(session, {photo.photo_id for photo in photos})
+        _remove_others(session, {ortho.photo_id for ortho in orthos})
     return orthos
+
+
+def read_area(project: Project) -> Area | None:
+    """Where orthos and mosaic are made, in the block's CRS; None for everywhere."""
+    file = project.ortho.area
+    return None if file is None else read_polygons(file, project)
+
+
+def read_polygons(file: Path, project: Project) -> Area:
+    """The area of all polygons of a file, in the block's CRS.
+
+    Raises:
+        ProjectError: It holds none.
+        ReferenceDataError: It cannot be read.
+        CrsError: It lies in a CRS that PROJ cannot bring to the block's.
+    """
+    found = only_areas(read_mask_polygons(file, parse_crs(project.block.crs, project.file)))
+    if found.is_empty:
+        raise ProjectError(file, "holds no polygons.", "Give the area as polygons.")
+    return found
+
+
+def _places(
+    session: Session, project: Project, block: Block, heights: Heights
+) -> Iterator[tuple[Photo, Grid, Area | None]]:
+    """The photos that reach the area asked for, each with its grid and what of it is shown."""
+    photos, area = pictured(block), read_area(project)
+    gsd = project.ortho.gsd_m or default_gsd_m(block)
+    for photo in photos:
+        camera = block.camera_of(photo.photo_id)
+        grid = ortho_grid(photo, camera, heights, gsd)
+        part = area_within(area, photo, camera, heights, grid, project.ortho.edge_mm)
+        if part is None or not part.is_empty:
+            yield photo, grid if part is None else grid.covering(part.bounds), part
+            continue
+        # It was looked at as well: it is no more stale than the others.
+        stage = f"made-with/{photo.photo_id}"
+        digest = session.products.digest_of(stage, photo, camera)
+        if session.products.load_value(stage, digest) is None:
+            session.products.save_value(stage, digest, (photo, camera))
+
+
+def _check_any(orthos: Sequence[OrthoProduct], project: Project) -> None:
+    """Make sure that some photo reaches the area that was asked for."""
+    if project.ortho.area is not None and not orthos:
+        cause = "lies where no photo of the block shows anything."
+        remedy = "Give an area in the block, and check its CRS."
+        raise ProjectError(project.ortho.area, cause, remedy)
+
+
+def _asked(options: OrthoOptions, part: Area | None) -> tuple[object, ...]:
+    """What an ortho hangs on besides photo and ground; nothing where it is made as by default."""
+    usual = options == OrthoOptions() and part is None
+    return () if usual else (options.edge_mm, options.resampling, part)
 
 
 def ground_under(grid: Grid, dem: Dem, project: Project) -> tuple[Path | Grid | float | str, ...]:

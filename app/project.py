@@ -15,19 +15,19 @@ from app.block_schema import OPERATOR_NAMES, USUAL_NAMES
 from app.block_sections import (
     BlockSection,
     OrthoSection,
-    SheetsSection,
     adjustment_options,
     check_attribute,
+    check_edge,
     ortho_section,
     read_block,
     read_camera,
-    sheets_section,
     surface_options,
     taken_in,
     taken_of,
 )
 from app.block_toml import FILE, Document, Table
 from app.references import ReferenceSection, read_reference
+from app.sheets_section import SheetsSection, sheets_section
 from core.adjustment.adjusted import AdjustmentOptions
 from core.block import surveyed_point
 from core.control.stage import ControlStageOptions
@@ -191,6 +191,8 @@ def project_of(document: Document, *, brought: bool = False) -> Project:
         raise document.table("adjustment").error("cameras", cause, remedy)
     scans = _scans(document, cameras)
     dated = any(scan.taken for scan in scans.listed)
+    ortho = ortho_section(document)
+    check_edge(document, ortho, cameras)
     return Project(
         document.path,
         read_block(document),
@@ -198,7 +200,7 @@ def project_of(document: Document, *, brought: bool = False) -> Project:
         scans,
         read_reference(document, brought or may_have_points(document), dated),
         _control(document),
-        ortho_section(document),
+        ortho,
         adjustment,
         surface_options(document),
         sheets_section(document),

@@ -7,18 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import shapely
-from shapely.geometry import MultiPolygon, Polygon
 
+from app.orthos import read_polygons
 from app.project import Project
 from core.errors import ProjectError
-from core.formats.vectors import read_mask_polygons
-from core.geometry.crs import parse_crs
+from core.geometry.areas import Area, only_areas
 from core.mosaic.composition import MosaicProduct
 from core.progress import Progress
 from core.raster.ortho import open_ortho
 from core.said import Said, say
 from core.sheets.delivery import CHECK_SUMS, INDEX, Delivery, SheetFile
-from core.sheets.map_sheets import MapSheet, only_areas, read_sheet_index, state_map_sheets
+from core.sheets.map_sheets import MapSheet, read_sheet_index, state_map_sheets
 from core.sheets.stage import VERSION, SheetOptions, cut_sheets
 from sessions.atomic_write import whole_file, whole_folder
 from sessions.checks import version_on_disk
@@ -83,16 +82,12 @@ def far_sheets(project: Project, sheets: Sequence[MapSheet]) -> tuple[str, ...]:
     )
 
 
-def read_border(project: Project) -> Polygon | MultiPolygon | None:
+def read_border(project: Project) -> Area | None:
     """Where sheets may show something, in the block's CRS; None for everywhere."""
     section = project.sheets
     if section.border is None:
         return None
-    area = read_mask_polygons(section.border, parse_crs(project.block.crs, project.file))
-    if area.is_empty:
-        raise ProjectError(
-            section.border, "holds no polygons.", "Give the area within the border as a polygon."
-        )
+    area = read_polygons(section.border, project)
     return only_areas(area.buffer(section.border_m, join_style="mitre"))
 
 

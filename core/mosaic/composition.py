@@ -5,7 +5,7 @@ that it is composed from, so that the next mosaic takes it over where nothing of
 """
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -36,6 +36,7 @@ from core.raster.grid import (
     refuse_incomplete,
     tell_full_disk,
     tiled_profile,
+    tiles_on_multiples,
     window_of,
     write_tiles,
 )
@@ -45,9 +46,6 @@ from core.raster.ortho import Ortho
 # design: about what they take
 READ, LAID = 0.2, 0.4
 """Shares of the work after which orthos are read small, and seams laid."""
-# design: in no direction that an edge between corners of cells has
-ASIDE_PX = (1.37e-3, 0.71e-3)
-"""Seams are burnt that far aside: an edge through middles of pixels falls alike in all tiles."""
 # design: a change of what is composed from the same inputs
 TILE_VERSION = 2
 
@@ -68,6 +66,8 @@ class MosaicOptions:
     """Lay seams midway between nadirs, to compare with."""
     feather_only: bool = False
     """Leave tones beside seams as the balance makes them, to compare with."""
+    area: Area | None = None
+    """Ground that the orthos were made for; None for all that the photos show."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,9 +93,9 @@ class MosaicProduct:
     balances: Mapping[str, Balance]
     """Radiometric correction by photo."""
     covered_share: float
-    """Share of its pixels that show the ground, 0 to 1."""
+    """Share of it that shows the ground, 0 to 1; of the area where one was asked for."""
     holes: tuple[Hole, ...] = ()
-    """Ground inside it that no photo shows, largest first."""
+    """Ground inside it, or of the area asked for, that no photo shows, largest first."""
     tiles: Mapping[str, str] = field(default_factory=dict[str, str])
     """Digest of all that each tile was composed from; empty where orthos have no stamps."""
     composed: int = 0
@@ -104,6 +104,15 @@ class MosaicProduct:
     """What was done to edited seams."""
     shown: Mapping[str, Area] = field(default_factory=dict[str, Area])
     """The ground that each photo shows, by photo; empty where that is not known."""
+    area: Area | None = None
+    """Ground that was asked for; None for all that the photos show."""
+
+    @property
+    def asked_m2(self) -> float:
+        """Size of what the covered share is a share of, square metres."""
+        if self.area is not None:
+            return self.area.area
+        return self.grid.columns * self.grid.rows * self.grid.ground_sample_distance_m**2
 
 
 COG = {
@@ -216,7 +225,7 @@ def compose_mosaic(
     if seams_path is not None:
         write_seams(work.seams, seams_path, kind.crs)
     covered = _write(work, path, options, Part(progress, LAID, 1.0))
-    return replace(_product(work, path, covered, notes, planes or {}), shown=shown)
+    return replace(_product(work, path, covered, notes, planes or {}, options.area), shown=shown)
 
 
 def _product(
@@ -225,12 +234,17 @@ def _product(
     covered: int,
     notes: tuple[str, ...],
     planes: Mapping[str, FilmPlane],
+    area: Area | None,
 ) -> MosaicProduct:
     """What was made of some work, of which so many pixels show the ground."""
-    grid, seams = work.grid, work.seams
-    share, tiles = covered / (grid.columns * grid.rows), dict(sorted(work.digests.items()))
-    holes, composed = _explained(find_holes(path), planes), len(work.composed)
-    return MosaicProduct(path, grid, seams, work.balances, share, holes, tiles, composed, notes)
+    grid, tiles = work.grid, dict(sorted(work.digests.items()))
+    holes, composed = _explained(find_holes(path, area), planes), len(work.composed)
+    made = MosaicProduct(
+        path, grid, work.seams, work.balances, 1.0, holes, tiles, composed, notes, area=area
+    )
+    share = covered * grid.ground_sample_distance_m**2 / made.asked_m2
+    # Pixels at its edges may count for a little more than an area is.
+    return replace(made, covered_share=min(share, 1.0))
 
 
 def compose_window(
@@ -283,7 +297,7 @@ def _write(work: _Work, path: Path, options: MosaicOptions, progress: Progress) 
             tiled_profile(grid, work.kind.crs, work.kind.dtype.name, work.kind.bands),
             {},
             partial(_compose, work),
-            tiles=list(_tiles_on_multiples(grid, options.tile_px)),
+            tiles=list(tiles_on_multiples(grid, options.tile_px)),
             threads=options.threads,
             progress=progress,
             what="mosaic",
@@ -328,21 +342,6 @@ def _prepare(
         OrthoFiles(orthos, balances, kind.dtype),
         even,
     )
-
-
-def _tiles_on_multiples(grid: Grid, tile_px: int) -> Iterator[Tile]:
-    """The tiles of a grid, cut where pixels counted from (0, 0) of the CRS are multiples.
-
-    They stay the same when the grid grows.
-    """
-    corner = grid.on_multiples or (0, 0)
-    edges: list[list[int]] = []
-    for start, size in zip(corner, (grid.columns, grid.rows), strict=True):
-        first = tile_px - start % tile_px
-        edges.append([0, *range(first, size, tile_px), size])
-    for row, below in zip(edges[1], edges[1][1:], strict=False):
-        for column, right in zip(edges[0], edges[0][1:], strict=False):
-            yield column, row, right - column, below - row
 
 
 def _compose(work: _Work, tile: Tile) -> Pixels | None:
@@ -431,8 +430,7 @@ def _burnt(work: _Work, part: Grid) -> tuple[Int32[np.ndarray, "rows columns"], 
         return np.full((part.rows, part.columns), work.seam_orthos[chosen[0]], np.int32), chosen
     # Burning costs time for every vertex, wherever it lies.
     shapes = [(work.seams[k].area.intersection(here), work.seam_orthos[k]) for k in chosen]
-    moved = replace(part, west=part.west + ASIDE_PX[0] * gsd, north=part.north + ASIDE_PX[1] * gsd)
-    return burn(shapes, moved, empty=-1), chosen
+    return burn(shapes, part.aside, empty=-1), chosen
 
 
 def _show(

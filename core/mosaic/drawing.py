@@ -155,7 +155,8 @@ def _views(
     keep_m = max(KEEP_INSIDE_M, FEATHER_PX / LEAST_CELL_PX * cell_m)
     views: list[SeamView] = []
     for view in overviews:
-        gray = balances[view.photo_id].corrected(np.nan_to_num(view.values), view.grid)
+        balance = balances[view.photo_id].luminance
+        gray = balance.corrected(np.nan_to_num(view.values), view.grid)
         views.append(seam_view(view, gray * np.float32(255 / full_scale), keep_m))
     return views
 

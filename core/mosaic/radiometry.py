@@ -23,6 +23,7 @@ from core.frames import HALF_PIXEL
 from core.geometry.camera import Camera
 from core.geometry.robust import CAUCHY_LIMIT, cauchy_weights, nmad, solve_robustly
 from core.mosaic.overview import Overview, common_cells
+from core.raster.files import LUMINANCE
 from core.raster.grid import Grid
 from core.raster.ortho import Ortho
 
@@ -118,6 +119,26 @@ class Balance:
     def of_band(self, band: int) -> "Balance":
         """The balance of a band, counted from 0."""
         return self.others[band - 1] if band and self.others else self
+
+    @property
+    def luminance(self) -> "Balance":
+        """The balance of the luminance of colours; exact where its bands are alike."""
+        if len(self.others) < len(LUMINANCE) - 1:
+            return self
+        bands = (self, *self.others[: len(LUMINANCE) - 1])
+        shares = np.array(LUMINANCE, dtype=np.float64)
+        gains = shares * np.array([one.gain for one in bands])
+        falloff = gains / gains.sum() @ np.array([one.falloff for one in bands])
+        tilt = shares @ np.array([one.tilt for one in bands])
+        offset = float(shares @ np.array([one.offset for one in bands]))
+        return replace(
+            self,
+            gain=float(gains.sum()),
+            offset=offset,
+            tilt=(float(tilt[0]), float(tilt[1])),
+            falloff=(float(falloff[0]), float(falloff[1])),
+            others=(),
+        )
 
     def corrected(self, gray: Gray, part: Grid) -> Gray:
         """Gray values of a part of an ortho after the correction."""

@@ -5,25 +5,39 @@ through collinearity and interior orientation to a place in the scan, which is s
 keeps what of the scan shows the ground.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
+import shapely
 from jaxtyping import Float32, Int32, Shaped, UInt8
 from shapely import segmentize
 from shapely.geometry import Polygon, box
+from shapely.geometry.base import BaseGeometry
 from shapely.prepared import prep
 
 from core.arrays import FilmPoints, Mask, ObjectPoints, PixelPoints
 from core.block import Photo
 from core.frames import HALF_PIXEL, opencv_from_pixel
+from core.geometry.areas import Area, only_areas
 from core.geometry.camera import Camera
 from core.orthos.bridges import BridgedHeights
 from core.orthos.scan_places import Heights, PixelMap, ScanPlaces, locate_tile
 from core.progress import SILENT, Progress
-from core.raster.grid import NODATA, Grid, Pixels, Tile, tiled_profile, tiles_of, write_tiles
+from core.raster.grid import (
+    NODATA,
+    Grid,
+    Pixels,
+    Tile,
+    burn_area,
+    tiled_profile,
+    tiles_of,
+    write_tiles,
+)
 from core.raster.scan_file import ScanSource, UsableArea
 from core.scans.photo_mask import with_drawn
 
@@ -44,6 +58,20 @@ OPENCV_BANDS = 4  # source: OpenCV, remap
 # design: two pixels of the kernel, one of rounding and one to spare
 MARGIN_PX = 4
 """Pixels around a window so that the cubic kernel never meets its edge."""
+# source: Lanczos' kernel reaches four pixels, two more than the cubic one
+LANCZOS_MARGIN_PX = 6
+"""The same of Lanczos' kernel."""
+Resampling = Literal["nearest", "bilinear", "cubic", "lanczos"]
+KERNELS: Mapping[Resampling, int] = {
+    "nearest": cv2.INTER_NEAREST,
+    "bilinear": cv2.INTER_LINEAR,
+    "cubic": cv2.INTER_CUBIC,
+    "lanczos": cv2.INTER_LANCZOS4,
+}
+"""What OpenCV calls them."""
+# design: a twentieth of its side, more than relief and lens move it
+REACH_SHARE = 0.05
+"""A photo shows nothing so far beyond its footprint, in sides of it."""
 # design: fiducials of aerial cameras are smaller than 4 mm
 MARK_RADIUS_MM = 2.0
 """Disc around each fiducial that is left out, millimetres of film."""
@@ -63,8 +91,10 @@ class OrthoOptions:
     threads: int = 2
     """Tiles computed side by side."""
     # design: the soft shadow of the frame is narrower
-    frame_margin_mm: float = 1.0
+    edge_mm: float = 1.0
     """Strip along the edge of the picture area that is left out, millimetres of film."""
+    resampling: Resampling = "cubic"
+    """Which sample of the scan a pixel takes; the nearest one is a pixel of the scan itself."""
     # design: a scan of 23 cm at 10 um, with room; the smallest machine has 8 GB
     scan_budget_bytes: int = 800_000_000
     """A scan up to this size is held in memory, a larger one is read by windows."""
@@ -95,6 +125,7 @@ def rectify_photo(
     crs: str,
     *,
     usable: Mask | None = None,
+    area: Area | None = None,
     options: OrthoOptions = OrthoOptions(),
     progress: Progress = SILENT,
 ) -> OrthoProduct:
@@ -104,12 +135,12 @@ def rectify_photo(
         photo: The photo with its orientations.
         camera: Its camera.
         dem: Heights in the block's CRS, metres.
-        grid: Output grid, or only its ground sample distance in metres: the grid then covers
-            the footprint.
+        grid: Output grid, or the ground sample distance in metres of one over the footprint.
         path: File to write; hand over a temporary name and rename it.
         crs: The block's CRS.
         usable: True where the scan may be shown, over the whole scan at any reduction.
-        options: Tile size, threads, margin, memory.
+        area: Nothing is shown outside of it; None for no limit.
+        options: Tile size, threads, edge, kernel, memory.
         progress: Told after every tile.
 
     Returns:
@@ -118,14 +149,14 @@ def rectify_photo(
     grid = grid if isinstance(grid, Grid) else ortho_grid(photo, camera, dem, grid)
     source = ScanSource(
         photo.scan,
-        _reduction(photo, camera, grid),
+        1 if options.resampling == "nearest" else _reduction(photo, camera, grid),
         options.threads,
         options.scan_budget_bytes,
     )
-    mask = picture_mask(photo, camera, options.frame_margin_mm, usable)
-    work = _Work(photo, camera, dem, grid, source, mask)
+    mask = picture_mask(photo, camera, options.edge_mm, usable)
+    work = _Work(photo, camera, dem, grid, source, mask, options.resampling, area)
     nadir = (float(photo.exterior.centre[0]), float(photo.exterior.centre[1]))
-    tiles = _tiles_near(footprint_of(photo, camera, dem), grid, options.tile_px)
+    tiles = _tiles_near(reach_of(footprint_of(photo, camera, dem)), grid, options.tile_px)
     profile = tiled_profile(grid, crs, source.dtype.name, source.bands) | {
         "compress": "deflate",
         "zlevel": COMPRESSION_LEVEL,
@@ -197,14 +228,43 @@ def picture_area_mm(photo: Photo, camera: Camera, margin_mm: float) -> Polygon:
     return area
 
 
-def _tiles_near(footprint: Polygon, grid: Grid, tile_px: int) -> list[Tile]:
+def area_within(
+    area: Area | None, photo: Photo, camera: Camera, dem: Heights, grid: Grid, edge_mm: float = 0.0
+) -> Area | None:
+    """What of an area the ortho of a photo shows: empty where the photo does not reach it.
+
+    Args:
+        area: In the block's CRS; None for everywhere.
+        photo: The photo.
+        camera: Its camera.
+        dem: Heights in the block's CRS, metres.
+        grid: Over the photo's footprint.
+        edge_mm: Strip along the edge of the picture that is left out, millimetres.
+
+    Returns:
+        None where the area cuts nothing off.
+    """
+    if area is None:
+        return None
+    if only_areas(area.intersection(footprint_of(photo, camera, dem, edge_mm))).is_empty:
+        return Polygon()
+    reach = reach_of(footprint_of(photo, camera, dem)).intersection(box(*grid.bounds))
+    # In normal form, so that what was changed elsewhere leaves it as it is.
+    if area.covers(reach):
+        return None
+    return only_areas(shapely.normalize(area.intersection(reach)))
+
+
+def reach_of(footprint: Polygon) -> Polygon:
+    """All that a photo of such a footprint may show."""
+    return footprint.buffer(REACH_SHARE * np.sqrt(footprint.area))
+
+
+def _tiles_near(reach: BaseGeometry, grid: Grid, tile_px: int) -> list[Tile]:
     """Tiles that a photo may reach; far outside its frame the lens polynomial means nothing."""
-    # design: a twentieth of its side, more than relief and lens move it
-    reach = prep(footprint.buffer(0.05 * np.sqrt(footprint.area)))
+    near = prep(reach)
     return [
-        tile
-        for tile in tiles_of(grid, tile_px)
-        if reach.intersects(box(*grid.window(*tile).bounds))
+        tile for tile in tiles_of(grid, tile_px) if near.intersects(box(*grid.window(*tile).bounds))
     ]
 
 
@@ -317,6 +377,8 @@ class _Work:
     grid: Grid
     source: ScanSource
     mask: PictureMask
+    resampling: Resampling
+    area: Area | None
 
 
 def _tile(work: _Work, window: Tile) -> Pixels | None:
@@ -327,6 +389,8 @@ def _tile(work: _Work, window: Tile) -> Pixels | None:
     if places is None:
         return None
     seen = work.mask.at(places.columns, places.rows, places.origin)
+    if work.area is not None:
+        seen &= burn_area(work.area, tile)
     if not seen.any():
         return None
     part = _window_of(work, places, seen)
@@ -337,7 +401,7 @@ def _tile(work: _Work, window: Tile) -> Pixels | None:
             (places.columns, places.rows), places.origin, part[:2], strict=True
         )
     )
-    values = _sampled(pixels, columns, rows)
+    values = _sampled(pixels, columns, rows, KERNELS[work.resampling])
     np.maximum(values, 1, out=values)
     if not seen.all():
         values[~seen] = NODATA
@@ -345,13 +409,13 @@ def _tile(work: _Work, window: Tile) -> Pixels | None:
 
 
 def _sampled(
-    pixels: Shaped[np.ndarray, "_ _ ..."], columns: PixelMap, rows: PixelMap
+    pixels: Shaped[np.ndarray, "_ _ ..."], columns: PixelMap, rows: PixelMap, kernel: int
 ) -> Shaped[np.ndarray, "rows columns ..."]:
-    """Cubic samples, of each band."""
+    """Samples of each band by one of OpenCV's kernels."""
     if pixels.ndim == 2 or pixels.shape[2] <= OPENCV_BANDS:
-        found = cv2.remap(pixels, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        found = cv2.remap(pixels, columns, rows, kernel, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(found)
-    return np.dstack([_sampled(band, columns, rows) for band in np.moveaxis(pixels, -1, 0)])
+    return np.dstack([_sampled(band, columns, rows, kernel) for band in np.moveaxis(pixels, -1, 0)])
 
 
 def _window_of(work: _Work, places: ScanPlaces, seen: Mask) -> tuple[int, int, int, int]:
@@ -359,14 +423,15 @@ def _window_of(work: _Work, places: ScanPlaces, seen: Mask) -> tuple[int, int, i
     starts: list[int] = []
     sizes: list[int] = []
     step, whole = work.source.reduction, bool(seen.all())
+    margin = LANCZOS_MARGIN_PX if work.resampling == "lanczos" else MARGIN_PX
     for axis, values in enumerate((places.columns, places.rows)):
         counted = values if whole else values[seen]
         low = places.origin[axis] + float(counted.min())
         high = places.origin[axis] + float(counted.max())
         last = -(-work.photo.size_px[axis] // step)
-        start = max(int(low / step) - MARGIN_PX, 0)
+        start = max(int(low / step) - margin, 0)
         starts.append(start)
-        sizes.append(min(int(high / step) + 1 + MARGIN_PX, last) - start)
+        sizes.append(min(int(high / step) + 1 + margin, last) - start)
     return starts[0], starts[1], sizes[0], sizes[1]
 
 
@@ -380,7 +445,7 @@ def _reduce_places(values: PixelMap, shift: int, step: int) -> PixelMap:
 
 
 def _reduction(photo: Photo, camera: Camera, grid: Grid) -> int:
-    """Whole number of scan pixels a side that are averaged before the one cubic sample."""
+    """Whole number of scan pixels a side that are averaged before the one sample."""
     east, north = photo.exterior.centre[:2]
     step = grid.ground_sample_distance_m
     height = photo.ground_height_m

@@ -12,9 +12,10 @@ from shapely.geometry.base import BaseGeometry
 
 from core.arrays import Mask
 from core.frames import HALF_PIXEL
+from core.geometry.areas import Area
 from core.geometry.crs import shared_bounds
 from core.raster.dem import HELD_PX, LARGEST_GAP_PX, Dem
-from core.raster.grid import Grid, burn, sums_over_cells
+from core.raster.grid import Grid, burn, burn_area, sums_over_cells
 
 # design: some megabytes, and a cell of two metres on a block of ten kilometres.
 LATTICE = 2048
@@ -52,26 +53,29 @@ class Hole:
         return "masked" if self.masked_in else "unreached"
 
 
-def find_holes(path: Path) -> tuple[Hole, ...]:
+def find_holes(path: Path, area: Area | None = None) -> tuple[Hole, ...]:
     """Holes of a raster, largest first; what is open towards its edge is none.
+
+    Of an area, everything is a hole that has no data within it, and nothing else.
 
     They are told apart on a lattice, whose cells are empty as soon as one pixel of theirs is: two
     empty places nearer than a cell are one. Areas count pixels.
 
     Args:
         path: A raster whose first band has a nodata value or a mask; axes along the CRS, metres.
+        area: What data are asked for, in the raster's CRS.
     """
     with rasterio.open(path) as file:
         side = max(1, -(-max(file.width, file.height) // LATTICE))
-        missing = _missing(file, side)
+        missing = missing_in_cells(file, side, area)
         transform, pixel_m2 = file.transform, abs(file.res[0] * file.res[1])
     # Outside lies all round, so that what reaches the edge is one with it.
-    empty = np.pad(missing > 0, 1, constant_values=True).astype(np.uint8)
+    empty = np.pad(missing > 0, 1, constant_values=area is None).astype(np.uint8)
     count, numbers, _, middles = cv2.connectedComponentsWithStats(empty, connectivity=4)
     pixels = np.bincount(numbers.ravel(), np.pad(missing, 1).ravel(), count)
     found: list[Hole] = []
     for number in range(1, count):
-        if number == numbers[0, 0]:
+        if area is None and number == numbers[0, 0]:
             continue
         column, row = ((middles[number] - 0.5) * side).tolist()
         east, north = transform @ (column, row)
@@ -79,8 +83,16 @@ def find_holes(path: Path) -> tuple[Hole, ...]:
     return tuple(sorted(found, key=lambda hole: (-hole.area_m2, hole.east, hole.north)))
 
 
-def _missing(file: Any, side: int) -> Counts:
-    """Pixels without data in each cell; those beyond the last row and column are without."""
+def missing_in_cells(file: Any, side: int, area: Area | None = None) -> Counts:
+    """Pixels without data in each cell; those beyond the last row and column are without.
+
+    Args:
+        file: Open raster with square pixels.
+        side: Side of a cell, pixels.
+        area: Nothing is missing outside of it.
+    """
+    gsd, _, west, _, _, north = tuple(file.transform)[:6]
+    grid = Grid(west, north, gsd, file.width, file.height)
     rows, columns = -(-file.height // side), -(-file.width // side)
     found = np.zeros((rows, columns), dtype=np.int64)
     for first in range(0, rows, BAND_CELLS):
@@ -88,7 +100,12 @@ def _missing(file: Any, side: int) -> Counts:
         tall = min(BAND_CELLS * side, file.height - top)
         seen = file.read_masks(1, window=((top, top + tall), (0, file.width))) > 0
         cells = np.zeros((-(-tall // side) * side, columns * side), dtype=np.uint8)
-        cells[:tall, : file.width] = seen
+        if area is None:
+            cells[:tall, : file.width] = seen
+        else:
+            cells[:] = 1
+            part = grid.window(0, top, file.width, tall)
+            cells[:tall, : file.width] = seen | ~burn_area(area, part)
         shown = sums_over_cells(cells, side)
         found[first : first + len(shown)] = side * side - shown
     return found

@@ -15,6 +15,7 @@ from shapely.geometry import MultiPolygon, Polygon, box
 
 from core.arrays import Mask
 from core.formats.world_file import world_file_suffix, write_world_file
+from core.geometry.areas import only_areas
 from core.progress import Progress
 from core.raster.grid import (
     BLOCK_PX,
@@ -31,7 +32,7 @@ from core.raster.grid import (
 from core.raster.lattices import Cells
 from core.raster.ortho import LEAST_COVERAGE
 from core.raster.sampling import sample_warped
-from core.sheets.map_sheets import MapSheet, only_areas
+from core.sheets.map_sheets import MapSheet
 from core.sheets.pixels import (
     TargetSystem,
     enlarged,

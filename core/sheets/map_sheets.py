@@ -21,10 +21,10 @@ import numpy as np
 import shapely
 from pyproj import CRS
 from shapely.geometry import MultiPolygon, Polygon, box
-from shapely.geometry.base import BaseGeometry
 
 from core.errors import CrsError, ReferenceDataError
 from core.formats.vectors import VectorLayer, read_layers
+from core.geometry.areas import only_areas
 from core.geometry.crs import (
     KROVAK,
     Bounds,
@@ -109,13 +109,6 @@ def read_sheet_index(path: Path, crs: str) -> tuple[MapSheet, ...]:
         )
     refuse_twins(path, [sheet.name for sheet in sheets])
     return tuple(sorted(sheets, key=lambda sheet: sheet.name))
-
-
-def only_areas(geometry: BaseGeometry) -> Polygon | MultiPolygon:
-    """The polygons of a geometry, without the lines and points that cutting may leave."""
-    parts = shapely.get_parts(geometry)
-    found = shapely.union_all(parts[shapely.get_dimensions(parts) == 2])
-    return found if isinstance(found, Polygon | MultiPolygon) else Polygon()
 
 
 def _index_layer(path: Path, layers: list[VectorLayer]) -> VectorLayer:

@@ -11,8 +11,10 @@ from affine import Affine
 from shapely.geometry import box
 
 import app.orthos
+from app.block_sections import OrthoSection
 from app.orthos import default_gsd_m, make_orthos
-from core.errors import Cancelled
+from core.errors import Cancelled, ProjectError
+from core.formats.vectors import write_polygons
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.seams import Seam
 from core.orthos.rectification import OrthoProduct, ortho_grid
@@ -33,7 +35,12 @@ def test_orthos_are_as_fine_as_the_scans__truth():
 
 BLOCK = fly(FlightPlan(ties=40), np.random.default_rng(0)).block
 GROUND = level_ground(0.0, BLOCK.crs)
-PROJECT: Any = SimpleNamespace(ortho=SimpleNamespace(gsd_m=1.0), reference=SimpleNamespace(dem=()))
+PROJECT: Any = SimpleNamespace(
+    file="block.toml",
+    block=SimpleNamespace(crs=BLOCK.crs),
+    ortho=OrthoSection(gsd_m=1.0),
+    reference=SimpleNamespace(dem=()),
+)
 
 
 @pytest.fixture
@@ -44,7 +51,7 @@ def made(monkeypatch):
     def rectified(photo, camera, heights, gsd, path, crs, **how):
         names.append(photo.photo_id)
         path.write_bytes(b"pixels")
-        return OrthoProduct(photo.photo_id, path, Grid(0, 1, gsd, 1, 1), 1.0, (0.0, 0.0))
+        return OrthoProduct(photo.photo_id, path, Grid(0, 1, 1.0, 1, 1), 1.0, (0.0, 0.0))
 
     monkeypatch.setattr(app.orthos, "rectify_photo", rectified)
     monkeypatch.setattr(app.orthos, "chosen_ground", lambda *given: (GROUND, ()))
@@ -125,9 +132,7 @@ def test_an_ortho_is_made_again_for_heights_under_it_and_for_no_others__law(
         make_orthos(session, project, BLOCK, dem, SILENT)
         return made
 
-    project: Any = SimpleNamespace(
-        ortho=SimpleNamespace(gsd_m=1.0), reference=SimpleNamespace(dem=(path,))
-    )
+    project: Any = SimpleNamespace(**(vars(PROJECT) | {"reference": SimpleNamespace(dem=(path,))}))
     monkeypatch.setattr(app.orthos, "chosen_ground", lambda *given: (given[2], ()))
     with Session.open(tmp_path, "ada") as session:
         assert set(orthos(*beside)) == set(BLOCK.photos)
@@ -136,3 +141,46 @@ def test_an_ortho_is_made_again_for_heights_under_it_and_for_no_others__law(
         there = {name for name, area in areas.items() if area.covers(under)}
         assert set(orthos(under.x, under.y)) == there
         assert 0 < len(there) < len(BLOCK.photos)
+
+
+def test_a_setting_makes_again_what_it_touches_and_nothing_else__law(tmp_path, made):
+    grids = {n: ortho_grid(p, BLOCK.camera_of(n), GROUND, 1.0) for n, p in BLOCK.photos.items()}
+    west, south, east, north = shapely.total_bounds([box(*grid.bounds) for grid in grids.values()])
+    file = tmp_path / "area.gpkg"
+
+    def orthos(*areas, **settings) -> set[str]:
+        if areas:
+            file.unlink(missing_ok=True)
+            write_polygons(file, "area", areas, {}, crs=BLOCK.crs)
+            settings["area"] = file
+        section = replace(OrthoSection(gsd_m=1.0), **settings)
+        project = SimpleNamespace(**(vars(PROJECT) | {"ortho": section}))
+        made.clear()
+        make_orthos(session, project, BLOCK, GROUND, SILENT)
+        return set(made)
+
+    def reached(area) -> set[str]:
+        return {name for name, grid in grids.items() if box(*grid.bounds).intersects(area)}
+
+    wide, every = box(west - 9, south - 9, east + 9, north + 9), set(BLOCK.photos)
+    half = box(west, south, west + 0.3 * (east - west), north)
+    nook = box(west + 20, north - 40, west + 60, north - 20)
+    with Session.open(tmp_path, "ada") as session:
+        folder = session.results / "ortho"
+        assert orthos() == every
+        assert orthos(wide) == set(), "an area that cuts nothing off is none"
+        within = orthos(half)
+        assert set() < within < every
+        assert {path.stem for path in folder.iterdir()} == within <= reached(half)
+        assert orthos(half) == set(), "the same area in another file"
+        smaller = half.difference(nook)
+        touched = orthos(smaller)
+        assert touched == reached(nook)
+        assert set() < touched < within
+        assert orthos(smaller, edge_mm=2.0) == orthos(smaller, edge_mm=2.0, resampling="nearest")
+        assert orthos() == every
+        assert orthos(resampling="lanczos") == orthos() == every
+        with pytest.raises(ProjectError, match="no photo"):
+            orthos(box(*(edge + 1e5 for edge in wide.bounds)))
+        with pytest.raises(ProjectError, match="no polygons"):
+            orthos(shapely.MultiPolygon())

@@ -84,7 +84,7 @@ def main() -> None:
 
 def ours(folder: Path, photo: Photo, camera: Camera, dem: Dem, grid: Grid, threads: int) -> None:
     """One ortho of ours."""
-    options = OrthoOptions(threads=threads, frame_margin_mm=0.0)
+    options = OrthoOptions(threads=threads, edge_mm=0.0)
     rectify_photo(photo, camera, dem, grid, folder / "ours.tif", CRS, options=options)
 
 

@@ -182,7 +182,7 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
         "written": written.isoformat(timespec="minutes")[:16],
         "pixel": gsd,
         "bounds": [round(value, 2) for value in product.grid.bounds],
-        "area": round(product.covered_share * product.grid.columns * product.grid.rows * gsd**2),
+        "area": round(product.covered_share * product.asked_m2),
         "stale": list(desk.stale),
         "gone": desk.mosaic_gone,
         "edition": shown.edition,

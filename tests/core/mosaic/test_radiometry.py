@@ -1,5 +1,7 @@
 """Gains and offsets that were put in are found again."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import rasterio
@@ -13,6 +15,7 @@ from core.mosaic.radiometry import (
     toned_as_photo,
     toned_as_reference,
 )
+from core.raster.files import gray_from_colour
 from core.raster.grid import Grid
 from core.raster.ortho import open_ortho
 from tests.core.mosaic.conftest import write_ortho
@@ -154,3 +157,23 @@ def test_a_correction_is_the_same_in_every_part__law():
     gray = np.random.default_rng(1).uniform(1, 255, (70, 90)).astype(np.float32)
     part = balance.corrected(gray[13:60, 7:81], whole.window(7, 13, 74, 47))
     assert np.array_equal(part, balance.corrected(gray, whole)[13:60, 7:81])
+
+
+def test_luminance_has_the_balance_of_all_its_bands__truth():
+    """Seams of colours were sought in grays toned as red alone is."""
+    rng = np.random.default_rng(9218)
+    rows = ((1e-3, 0.0, 0.0), (0.0, 1e-3, 0.0), (1e-6, 0.0, 1.0))
+    plane = FilmPlane("wide", (1200.0, 3100.0), rows, (0.7, 0.7))
+    bands = [
+        Balance(gain, offset, (tilt, -tilt), (1200.0, 3100.0), (falloff, 0.1), plane)
+        for gain, offset, tilt, falloff in rng.uniform(
+            (0.7, -20, -0.1, 0), (1.4, 20, 0.1, 0.3), (4, 4)
+        )
+    ]
+    own = replace(bands[0], others=tuple(bands[1:]))
+    grid = Grid(1000.0, 3300.0, 0.5, 90, 70)
+    gray = rng.uniform(1, 255, (70, 90)).astype(np.float32)
+    wanted = gray_from_colour(np.stack([one.corrected(gray, grid) for one in bands[:3]]))
+    np.testing.assert_allclose(own.luminance.corrected(gray, grid), wanted, atol=1e-3)
+    assert np.abs(own.corrected(gray, grid) - wanted).max() > 5
+    assert bands[0].luminance == bands[0]

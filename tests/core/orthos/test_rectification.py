@@ -5,11 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rasterio
+import shapely
 from rasterio.enums import ColorInterp
+from shapely.geometry import box
 
 from core.errors import Cancelled
 from core.geometry.camera import Camera
-from core.orthos.rectification import OrthoOptions, footprint_of, rectify_photo
+from core.orthos.rectification import (
+    OrthoOptions,
+    area_within,
+    footprint_of,
+    ortho_grid,
+    rectify_photo,
+)
 from core.raster.grid import Grid
 
 CRS = "EPSG:32633"
@@ -140,12 +148,96 @@ def test_edge_marks_and_unusable_parts_are_left_out__truth(scene, middle, tmp_pa
     assert not shown((-15.0, 15.0))
 
 
-def test_footprint_is_where_the_ortho_is__truth(scene, middle, tmp_path):
-    product = rectify_photo(middle, scene.camera, scene.dem, 0.6, tmp_path / "o.tif", CRS)
-    footprint = footprint_of(middle, scene.camera, scene.dem, margin_mm=1.0)
+@pytest.mark.parametrize("edge_mm", [1.0, 8.0])
+def test_footprint_within_the_edge_is_where_the_ortho_is__truth(scene, middle, tmp_path, edge_mm):
+    options = OrthoOptions(edge_mm=edge_mm)
+    product = rectify_photo(
+        middle, scene.camera, scene.dem, 0.6, tmp_path / "o.tif", CRS, options=options
+    )
+    footprint = footprint_of(middle, scene.camera, scene.dem, margin_mm=edge_mm)
     shown = product.covered_share * product.grid.columns * product.grid.rows * 0.36
     assert footprint.is_valid
     assert shown == pytest.approx(footprint.area, rel=0.01)
+
+
+def test_an_area_cuts_by_its_outline_and_changes_nothing_within__law(scene, middle, tmp_path):
+    """Its edges run through middles of pixels, where tiles could burn them differently."""
+    grid = ortho_grid(middle, scene.camera, scene.dem, 1.0)
+    whole = read(rectify_photo(middle, scene.camera, scene.dem, grid, tmp_path / "w.tif", CRS).path)
+    ring = box(499_950.5, 4_099_900.5, 500_120.5, 4_100_080.5)
+    area = ring.difference(box(500_000.5, 4_099_960.5, 500_040.5, 4_100_000.5))
+    part = area_within(area, middle, scene.camera, scene.dem, grid)
+    assert part is not None
+    assert part.equals(area)
+    small = grid.covering(part.bounds)
+    made = rectify_photo(
+        middle, scene.camera, scene.dem, small, tmp_path / "o.tif", CRS,
+        area=part, options=OrthoOptions(tile_px=64),
+    )  # fmt: skip
+    column, row = np.rint(grid.grid_from_object(np.array([[small.west, small.north]]))[0]).astype(
+        int
+    )
+    there = whole[row : row + small.rows, column : column + small.columns].astype(int)
+    values = read(made.path).astype(int)
+    shown = values > 0
+    assert np.count_nonzero(shown) == area.area
+    east, north = np.meshgrid(*small.centres())
+    away = shapely.distance(area, shapely.points(east, north))
+    assert away[shown].max() == 0
+    assert np.abs(values - there)[shown].max() <= 4
+    # All of the photo, none of it, and no more than the strip that is left out.
+    far = box(*(edge + 5000 for edge in area.bounds))
+    assert area_within(far, middle, scene.camera, scene.dem, grid).is_empty
+    assert area_within(box(*grid.bounds), middle, scene.camera, scene.dem, grid) is None
+    inner, outer = (
+        footprint_of(middle, scene.camera, scene.dem, margin_mm=margin) for margin in (2.0, 1.0)
+    )
+    rim = outer.difference(inner)
+    assert area_within(rim, middle, scene.camera, scene.dem, grid, 2.0).is_empty
+
+
+@pytest.fixture(scope="module")
+def ramp(scene, tmp_path_factory):
+    """A photo of 16 bit whose gray grows by 30 a column and by 20 a row."""
+    photo = scene.photo("ramp", bits=16)
+    columns, rows = photo.size_px
+    values = (1000 + 30 * np.arange(columns)[None, :] + 20 * np.arange(rows)[:, None]).astype("u2")
+    path = tmp_path_factory.mktemp("ramp") / "ramp.tif"
+    with rasterio.open(photo.scan) as file:
+        profile = file.profile
+    with rasterio.open(path, "w", **profile) as file:
+        file.write(values, 1)
+    return replace(photo, scan=path)
+
+
+@pytest.mark.parametrize("budget", [800_000_000, 0])
+@pytest.mark.parametrize("kernel", ["nearest", "bilinear", "cubic", "lanczos"])
+def test_kernels_give_a_ramp_as_it_is_and_the_nearest_pixels_of_it__truth(
+    scene, ramp, tmp_path, kernel, budget
+):
+    """Thirty grays a column: five are a sixth of a pixel."""
+    options = OrthoOptions(resampling=kernel, scan_budget_bytes=budget, tile_px=200)
+    gsd = 1.3 if kernel == "nearest" else 0.7
+    made = rectify_photo(
+        ramp, scene.camera, scene.dem, gsd, tmp_path / "o.tif", CRS, options=options
+    )
+    values = read(made.path)
+    east, north = np.meshgrid(*made.grid.centres())
+    seen = values > 0
+    plane = np.column_stack([east[seen], north[seen]])
+    points = np.column_stack([plane, scene.dem.heights(plane)])
+    column, row = ramp.pixel_from_object(points, scene.camera).T
+    found = values[seen].astype(float)
+    assert len(found) > 100_000 / gsd**2
+    if kernel == "nearest":
+        own = 1000 + 30 * np.floor(column) + 20 * np.floor(row)
+        assert np.mean(found == own) > 0.95, "but where the place is all but between two"
+        with rasterio.open(ramp.scan) as file:
+            assert np.isin(found, file.read(1)).all()
+    else:
+        away = np.abs(found - (1000 + 30 * (column - 0.5) + 20 * (row - 0.5)))
+        # Places in 1/32 of a pixel and whole grays; the wider kernels ripple besides.
+        assert away.max() < (1 if kernel == "bilinear" else 5)
 
 
 def test_rectification_stops_when_asked__law(scene, middle, tmp_path):

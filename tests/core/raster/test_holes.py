@@ -53,6 +53,23 @@ def test_what_is_open_to_the_edge_is_no_hole__truth(tmp_path):
     assert find_holes(written(tmp_path / "empty.tif", values)) == ()
 
 
+def test_of_an_area_all_is_a_hole_that_lacks_data_within_and_nothing_else__truth(tmp_path):
+    """An area with a gap of its own, beside which the raster ends: edges cut middles of pixels."""
+    values = np.full((300, 300), 90, dtype=np.uint8)
+    values[100:150, 250:] = 0
+    values[200:220, 100:130] = 0
+    values[20:40, 20:40] = 0
+
+    def there(left, top, right, bottom):
+        return box(WEST + left * GSD, NORTH - bottom * GSD, WEST + right * GSD, NORTH - top * GSD)
+
+    area = there(50, 50.5, 280.5, 280).difference(there(90, 190, 115.5, 230))
+    found = find_holes(written(tmp_path / "area.tif", values), area)
+    # A middle on an edge belongs to the pixel's left or upper side.
+    assert [hole.area_m2 / GSD**2 for hole in found] == [50 * 30, 20 * 15]
+    assert find_holes(written(tmp_path / "whole.tif", values), there(150, 150, 240, 240)) == ()
+
+
 def test_a_large_raster_is_told_on_a_lattice_with_the_same_areas__truth(tmp_path):
     values = np.full((400, LATTICE + 301), 90, dtype=np.uint8)
     values[100:133, 501:548] = 0
