@@ -87,7 +87,7 @@ def make_misfit(
                 mosaic.path,
                 files.ortho,
                 mosaic.seams,
-                _errors(given, report, dem),
+                block_errors(given, report, dem),
                 orientation,
                 work,
             )
@@ -174,7 +174,7 @@ def make_places(
         fits,
         mosaic.seams,
         seam_guides(project, mosaic.grid.bounds).buildings,
-        errors=_errors(given, report, dem),
+        errors=block_errors(given, report, dem),
         grid=mosaic.grid,
         dem=dem if files.dem else None,
     )
@@ -191,7 +191,7 @@ def known_places(products: Products) -> tuple[FaultPlace, ...]:
             return ()
 
 
-def _errors(given: BlockInput, report: AdjustmentReport, dem: Dem) -> BlockErrors:
+def block_errors(given: BlockInput, report: AdjustmentReport, dem: Dem) -> BlockErrors:
     """What block and reference predict of the misfit."""
     options = report.options or given.adjustment
     influence = influence_of(report, options, terrain=lambda points: dem.heights(points[:, :2]))

@@ -62,8 +62,7 @@ def make_orthos(
     digest_of, usable = session.products.digest_of, usable_parts(session)
     options = OrthoOptions(edge_mm=project.ortho.edge_mm, resampling=project.ortho.resampling)
     heights, corrections = chosen_ground(session, project, dem, block.search_bounds)
-    orthos: list[OrthoProduct] = []
-    places = list(_places(session, project, block, heights))
+    orthos, places = list[OrthoProduct](), list(_places(session, project, block, heights))
     wanted, made_now = len(places) if only is None else max(len(only), 1), 0
     for photo, grid, part in places:
         camera, stage = block.camera_of(photo.photo_id), f"ortho/{photo.photo_id}"

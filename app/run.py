@@ -12,6 +12,7 @@ from app.bring_points import brought_points
 from app.height_checks import doubts_after
 from app.misfit import make_comparisons, make_misfit, make_places
 from app.mosaic import compare_neighbours, make_change, make_mosaic
+from app.origin import make_origin
 from app.orthos import make_orthos
 from app.project import Project, described
 from app.references import tied_to
@@ -393,6 +394,7 @@ class Run:
         misfit = make_misfit(
             self.session, self.given, mosaic, adjusted, dem, work.part(0.1, 0.9), anew=anew
         )
+        make_origin(self.session, self.project, self.given, mosaic, adjusted, dem, anew=anew)
         rest = work.part(0.9, 1.0).progress
         compared, doubts = make_comparisons(self.session, self.project, mosaic, rest, anew=anew)
         likely = make_places(
