@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from core.formats.xml_files import add, write_xml
+from core.formats.xml_files import add
 
 # source: GDAL, GDALRATFieldType and GDALRATFieldUsage
 WHOLE, TEXT = "0", "2"
@@ -43,4 +43,7 @@ def write_raster_table(
         row = ElementTree.SubElement(table, "Row", index=str(index))
         for text in (str(number), *texts):
             add(row, "F", text)
-    write_xml(raster.with_name(f"{raster.name}.aux.xml"), root)
+    ElementTree.indent(root)
+    # GDAL reads none that begins with a declaration.
+    beside = raster.with_name(f"{raster.name}.aux.xml")
+    beside.write_bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=False))

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Float64
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
 from core.arrays import Scalars
@@ -54,6 +55,9 @@ MEANS = (1 / 3, 7 / 45)
 # design: the mean of so many is known to a fortieth of the noise of one
 SAMPLES_PER_PAIR = 2000
 """Cells of one overlap that are used at most."""
+# design: a corner of a neighbour; what hangs on so little says nothing of the block
+LEAST_COMPARED = 0.1
+"""Share of the usual cells of a photo that it is compared in, at least, to count for the block."""
 # design: a limit of time
 ITERATIONS = 20
 """Reweighted solutions."""
@@ -203,7 +207,7 @@ def balance_orthos(
     full_scale: float = 255.0,
     planes: Mapping[str, FilmPlane] | None = None,
 ) -> Mapping[str, Balance]:
-    """Tone of every photo; over the block gain 1, offset 0 and tilt 0 in the mean.
+    """Tone of every photo; gain 1, offset 0 and tilt 0 in the mean of those that overlap.
 
     Args:
         overviews: The orthos in small, as means over cells: grain is gone there.
@@ -378,7 +382,7 @@ def _adjust(samples: _Samples, photos: int, cameras: int) -> Unknowns:
     tilt = SIGMA_TILT_SHARE if cameras else HELD
     sigmas = [SIGMA_GAIN, SIGMA_OFFSET_SHARE, tilt, tilt]
     every = np.concatenate([np.tile(sigmas, photos), np.full(OF_CAMERA * cameras, SIGMA_FALLOFF)])
-    held = sparse.diags_array(every**-2.0) + _hold_means(photos, len(given))
+    held = sparse.diags_array(every**-2.0) + _hold_means(samples, photos, len(given))
     unknowns = given.copy()
     apart, design = _differences(samples, unknowns, photos)
 
@@ -401,11 +405,24 @@ def _adjust(samples: _Samples, photos: int, cameras: int) -> Unknowns:
     return solve_robustly(solve, lengths(), weigh, passes=ITERATIONS, least_scale=SMALLEST_SCALE)
 
 
-def _hold_means(photos: int, unknowns: int) -> sparse.csc_array:
-    """The means over the block are held: else noise would pull every gain down a little."""
-    mean = np.zeros((OF_PHOTO, unknowns))
-    for kind in range(OF_PHOTO):
-        mean[kind, kind : OF_PHOTO * photos : OF_PHOTO] = 1.0
+def _hold_means(samples: _Samples, photos: int, unknowns: int) -> sparse.csc_array:
+    """The means over the block are held: else noise would pull every gain down a little.
+
+    A photo that next to nothing is compared with has no part in them: it could take on what all
+    others are off. Photos that do not hang together have means of their own.
+    """
+    counts = np.bincount(samples.photo.ravel(), minlength=photos)
+    usual = float(np.median(counts[counts > 0])) if counts.any() else 1.0
+    fair = counts > LEAST_COMPARED * usual
+    links = samples.photo[:, fair[samples.photo].all(axis=0)]
+    pairs = sparse.coo_array((np.ones(links.shape[1]), (links[0], links[1])), (photos, photos))
+    parts = np.asarray(connected_components(pairs, directed=False)[1])
+    whole = np.unique(parts[fair])
+    mean = np.zeros((OF_PHOTO * len(whole), unknowns))
+    for row, part in enumerate(whole.tolist()):
+        members = np.flatnonzero(fair & (parts == part))
+        for kind in range(OF_PHOTO):
+            mean[OF_PHOTO * row + kind, OF_PHOTO * members + kind] = 1.0
     rows = sparse.csc_array(mean)
     # design: so much heavier than all samples that the mean stays to the last digits told
     return sparse.csc_array(rows.T @ rows) * 1e13

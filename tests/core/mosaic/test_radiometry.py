@@ -159,6 +159,28 @@ def test_a_correction_is_the_same_in_every_part__law():
     assert np.array_equal(part, balance.corrected(gray, whole)[13:60, 7:81])
 
 
+def test_a_photo_that_next_to_nothing_is_compared_with_leaves_the_others_alone__law(block):
+    """The one photo without neighbours held the mean gain: 6 there, and 0 everywhere else."""
+    views = [read_overview(ortho, 4) for ortho in block]
+    without = balance_orthos(views)
+    first = views[0]
+    far = replace(first.grid, west=first.grid.west + 5000)
+    rows, columns = np.nonzero(first.full & views[1].full)
+    share = np.zeros_like(first.share)
+    share[rows[:30], columns[:30]] = 1
+    for other in (
+        replace(first, photo_id="far", grid=far),
+        replace(first, photo_id="corner", share=share),
+    ):
+        found = balance_orthos([*views, other])
+        assert all(
+            found[name].gain == pytest.approx(without[name].gain, abs=0.02) for name in "abcd"
+        )
+        if other.photo_id == "far":
+            assert found["far"].gain == 1
+            assert found["far"].offset == 0
+
+
 def test_luminance_has_the_balance_of_all_its_bands__truth():
     """Seams of colours were sought in grays toned as red alone is."""
     rng = np.random.default_rng(9218)
