@@ -20,7 +20,7 @@ from core.mosaic.drawing import CELL_M
 from core.mosaic.radiometry import FilmPlane
 from core.mosaic.seam_fit import fit_seams
 from core.mosaic.seams import EditedSeams, Seam
-from core.raster.grid import Grid
+from core.raster.grid import Grid, burn_area
 from tests.core.mosaic.conftest import write_ortho
 
 
@@ -263,3 +263,22 @@ def test_each_colour_is_the_mosaic_of_its_band__law(block, tmp_path):
     part = (300, 200, 120, 90)
     shown = compose_window(colour, made, made.seams, part)
     np.testing.assert_array_equal(np.moveaxis(shown, -1, 0), found[:, 200:290, 300:420])
+
+
+def test_share_and_holes_are_those_of_the_area_asked_for__truth(block, tmp_path):
+    """It reaches beyond what the photos show, and has a gap of its own."""
+    west, south, east, north = mosaic_grid(block).bounds
+    middle = (west + east) / 2, (south + north) / 2
+    area = shapely.box(west + 300.5, south + 200.5, east - 300.5, north + 100)
+    area = area.difference(shapely.Point(middle).buffer(40))
+    cut = []
+    for ortho in block:
+        values = np.where(burn_area(area, ortho.grid), read(ortho.path), 0)
+        path = tmp_path / f"{ortho.photo_id}.tif"
+        cut.append(write_ortho(path, ortho.photo_id, ortho.grid, values, ortho.nadir))
+    whole = read(compose(block, tmp_path, options=MosaicOptions(balance=False)).path) > 0
+    made = compose(cut, tmp_path, options=MosaicOptions(balance=False, area=area))
+    shown, inside = read(made.path) > 0, burn_area(area, made.grid)
+    assert np.array_equal(shown, whole & inside)
+    assert made.covered_share == pytest.approx(np.count_nonzero(shown) / area.area)
+    assert sum(hole.area_m2 for hole in made.holes) == np.count_nonzero(inside & ~whole)
