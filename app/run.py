@@ -387,8 +387,7 @@ class Run:
     def content(self, progress: Progress) -> ReportContent:
         """What the report tells; the mosaic is compared with the reference for it."""
         mosaic, files = made(self.results.mosaic), self.given.reference
-        anew = self.anew("report")
-        work = Work(progress, self.threads.map)
+        anew, work = self.anew("report"), Work(progress, self.threads.map)
         fits = compare_neighbours(self.session, mosaic, work.part(0.0, 0.1), anew=anew)
         dem, adjusted = self.dem(), self.adjusted
         misfit = make_misfit(
