@@ -214,6 +214,7 @@ ORTHO = (
     Key("balance", "flag", True),
     Key("tone", "text", "", asked="more"),
     Key("ground", "choice", "dem", choices=get_args(GroundKind)),
+    Key("visibility", "flag", False),
     Key("area", "file", asked="more"),
     Key("resampling", "choice", RECTIFIED.resampling, choices=get_args(Resampling), asked="more"),
     Key("edge_mm", "number", RECTIFIED.edge_mm, unit=EDGE_MM, asked="more"),

@@ -62,6 +62,8 @@ class OrthoSection:
     """What orthos stand on: `dem`, `surface` or `auto`."""
     tone: str = ""
     """Whose tone a balanced mosaic has: `reference`, a scan, or all photos' mean."""
+    visibility: bool = False
+    """Whether orthos leave out what their photos do not see."""
     area: Path | None = None
     """Polygons outside of which nothing is made."""
     resampling: Resampling = "cubic"
@@ -292,6 +294,7 @@ def ortho_section(document: Document) -> OrthoSection:
         table.flag("balance"),
         table.choice("ground"),
         table.text("tone"),
+        table.flag("visibility"),
         area=table.file("area"),
         resampling=cast("Resampling", table.choice("resampling")),
         edge_mm=table.number("edge_mm"),

@@ -6,6 +6,7 @@ Edited seams are kept, and tiles that are still right are taken over.
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,6 +18,8 @@ from shapely.geometry.base import BaseGeometry
 
 from app.orthos import read_area
 from app.project import Project
+from app.surface import chosen_ground
+from core.arrays import Position
 from core.block import Photo
 from core.errors import ProjectError, ReferenceDataError
 from core.formats.vectors import read_layers
@@ -36,6 +39,8 @@ from core.mosaic.seam_edits import SeamEdit, with_edits
 from core.mosaic.seam_fit import SeamFit, fit_seams
 from core.mosaic.seams import Area, Seam, read_edited, read_seams
 from core.orthos.rectification import OrthoProduct
+from core.orthos.scan_places import Heights
+from core.orthos.visibility import hidden_places
 from core.progress import Progress, Work
 from core.raster.dem import open_dem
 from core.raster.holes import Hole
@@ -58,6 +63,9 @@ DRAWN = "mosaic-seams"
 NEIGHBOURS = "seam-fit"
 """Product that keeps how well photos fit along the seams."""
 
+# design: a fine DSM; the spacing of heights of which none is known, as on bridges
+LEAST_STEP_M = 0.25
+"""Between the samples of a ray to a hole, metres."""
 CHANGE = "change.gpkg"
 REFERENCE = "reference"
 """The `tone` of a mosaic that looks like the reference ortho."""
@@ -100,7 +108,7 @@ def make_mosaic(
     guides = seam_guides(project, grid.bounds)
     drawing = whole_file(seams) if mine is None else nullcontext(None)
     with drawing as seams_part, whole_file(target) as mosaic_part:
-        product = compose_mosaic(
+        composed = compose_mosaic(
             orthos,
             grid,
             mosaic_part,
@@ -119,8 +127,9 @@ def make_mosaic(
         if seams_part is not None:
             _remember_drawn(session, seams_part)
     products.save_value(SEAMS_DRAWN, inputs, (hand.before, hand.edits))
-    told = replace(product, path=target, notes=(*_far_buildings(project, guides), *product.notes))
-    return _kept(products, inputs, replace(told, holes=_on_ground(product.holes, project)))
+    told = replace(composed, path=target, notes=(*_far_buildings(project, guides), *composed.notes))
+    holes = _on_ground(composed.holes, project, session)
+    return _kept(products, inputs, replace(told, holes=holes))
 
 
 def _former(products: Products, path: Path) -> FormerMosaic | None:
@@ -144,15 +153,39 @@ def _like(project: Project, shown: Collection[str]) -> Ortho | str:
     return tone if tone in shown else ""
 
 
-def _on_ground(holes: Sequence[Hole], project: Project) -> tuple[Hole, ...]:
-    """Holes, told apart by whether the DEM has a height where they are."""
+def _on_ground(holes: Sequence[Hole], project: Project, session: Session) -> tuple[Hole, ...]:
+    """Holes, told apart by whether the DEM has a height where they are, and what hides them."""
     files = project.reference.dem
     if not holes or not files:
         return tuple(holes)
     places = np.array([(hole.east, hole.north) for hole in holes])
-    heights = open_dem(files, project.block.crs).heights(places)
-    unknown = np.isnan(heights).tolist()
-    return tuple(replace(h, without_height=u) for h, u in zip(holes, unknown, strict=True))
+    dem = open_dem(files, project.block.crs)
+    unknown = np.isnan(dem.heights(places)).tolist()
+    told = tuple(replace(h, without_height=u) for h, u in zip(holes, unknown, strict=True))
+    if not project.ortho.visibility:
+        return told
+    low, high = places.min(axis=0).tolist(), places.max(axis=0).tolist()
+    ground, _ = chosen_ground(session, project, dem, (*low, *high))
+    centres = {
+        name: kept[0].exterior.centre
+        for name in {name for hole in holes for name in hole.masked_in}
+        if (kept := _made_with(session, name)) is not None
+    }
+    return tuple(_hidden(hole, ground, centres) for hole in told)
+
+
+def _hidden(hole: Hole, heights: Heights, centres: Mapping[str, Position]) -> Hole:
+    """A hole with the photos from which something hides it, in its middle or about it."""
+    aside = np.sqrt(hole.area_m2) / 3 * np.array([(0, 0), *product((-1, 0, 1), repeat=2)])
+    step_m = max(heights.ground_sample_distance_m, LEAST_STEP_M)
+    places = np.array([hole.east, hole.north]) + aside
+    hidden = tuple(
+        name
+        for name in hole.masked_in
+        if any(hidden_places(centres[name], heights, place[None], step_m)[0] for place in places)
+    )
+    masked = tuple(name for name in hole.masked_in if name not in hidden)
+    return replace(hole, masked_in=masked, hidden_in=hidden)
 
 
 def _kept(products: Products, inputs: str, product: MosaicProduct) -> MosaicProduct:
@@ -248,14 +281,13 @@ def _far_buildings(project: Project, guides: SeamGuides) -> tuple[str, ...]:
 
 def film_planes(session: Session, photo_ids: Sequence[str]) -> Mapping[str, FilmPlane]:
     """Where the ground lies on the film each ortho was made from."""
-    made: dict[str, FilmPlane] = {}
-    for name in photo_ids:
-        kept = cast(
-            "tuple[Photo, Camera] | None", session.products.latest_value(f"made-with/{name}")
-        )
-        if kept is not None:
-            made[name] = film_plane(*kept)
-    return made
+    made = {name: _made_with(session, name) for name in photo_ids}
+    return {name: film_plane(*kept) for name, kept in made.items() if kept is not None}
+
+
+def _made_with(session: Session, name: str) -> tuple[Photo, Camera] | None:
+    """Photo and camera that an ortho was made with, where that is known."""
+    return cast("tuple[Photo, Camera] | None", session.products.latest_value(f"made-with/{name}"))
 
 
 def _edited(session: Session, seams: Path) -> str | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from app.block_sections import OrthoSection
 from app.project import Project
 from app.surface import chosen_ground, usable_parts
 from core.block import Block, Photo
@@ -32,6 +33,8 @@ from sessions.session import Session
 
 FOLDER = "ortho"
 """Of the results."""
+SIGHT_VERSION = 1
+"""Counted up when the same heights hide other pixels than before."""
 
 
 def make_orthos(
@@ -60,13 +63,13 @@ def make_orthos(
         PhotogrammetryError: As `pictured` and `read_polygons`, or no photo reaches the area.
     """
     digest_of, usable = session.products.digest_of, usable_parts(session)
-    options = OrthoOptions(edge_mm=project.ortho.edge_mm, resampling=project.ortho.resampling)
+    options = _options(project.ortho)
     heights, corrections = chosen_ground(session, project, dem, block.search_bounds)
     orthos, places = list[OrthoProduct](), list(_places(session, project, block, heights))
     wanted, made_now = len(places) if only is None else max(len(only), 1), 0
     for photo, grid, part in places:
         camera, stage = block.camera_of(photo.photo_id), f"ortho/{photo.photo_id}"
-        ground = (*ground_under(grid, dem, project), *corrections)
+        ground = (*_heights_for(photo, grid, dem, project), *corrections)
         gsd, asked = grid.ground_sample_distance_m, _asked(options, part)
         inputs = digest_of(stage, 5, photo, camera, gsd, ground, photo.scan, *asked)
         target = session.results / FOLDER / f"{photo.photo_id}.tif"
@@ -94,6 +97,19 @@ def make_orthos(
     if only is None:
         _remove_others(session, {ortho.photo_id for ortho in orthos})
     return orthos
+
+
+def _heights_for(
+    photo: Photo, grid: Grid, dem: Dem, project: Project
+) -> tuple[Path | Grid | float | str, ...]:
+    """What names the heights under an ortho and, for visibility, those up to its nadir."""
+    if not project.ortho.visibility:
+        return ground_under(grid, dem, project)
+    west, south, right, top = grid.bounds
+    east, north = photo.exterior.centre[:2].tolist()
+    bounds = (min(west, east), min(south, north), max(right, east), max(top, north))
+    wide = Grid.over(bounds, grid.ground_sample_distance_m)
+    return (*ground_under(wide, dem, project), "visibility", SIGHT_VERSION)
 
 
 def read_area(project: Project) -> Area | None:
@@ -142,6 +158,13 @@ def _check_any(orthos: Sequence[OrthoProduct], project: Project) -> None:
         cause = "lies where no photo of the block shows anything."
         remedy = "Give an area in the block, and check its CRS."
         raise ProjectError(project.ortho.area, cause, remedy)
+
+
+def _options(section: OrthoSection) -> OrthoOptions:
+    """What `[ortho]` says of how photos are rectified."""
+    return OrthoOptions(
+        edge_mm=section.edge_mm, resampling=section.resampling, visibility=section.visibility
+    )
 
 
 def _asked(options: OrthoOptions, part: Area | None) -> tuple[object, ...]:

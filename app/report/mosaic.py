@@ -35,7 +35,9 @@ def mosaic_figures(
         "rows": rows,
         "ground_sample_distance_m": gsd,
         "bounds": list(bounds),
-        "holes": [asdict(hole) | {"why": hole.why} for hole in holes],
+        "holes": [
+            asdict(hole) | {"why": hole.why, "told_photos": hole.told_photos} for hole in holes
+        ],
         "seams": [
             {
                 "scan": seam.photo_id,

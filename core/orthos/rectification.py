@@ -27,7 +27,8 @@ from core.geometry.areas import Area, only_areas
 from core.geometry.camera import Camera
 from core.orthos.bridges import BridgedHeights
 from core.orthos.scan_places import Heights, PixelMap, ScanPlaces, locate_tile
-from core.progress import SILENT, Progress
+from core.orthos.visibility import Sight, look_down
+from core.progress import SILENT, Part, Progress
 from core.raster.grid import (
     NODATA,
     Grid,
@@ -78,6 +79,8 @@ MARK_RADIUS_MM = 2.0
 # design: speed; grain hardly gets smaller at higher levels
 COMPRESSION_LEVEL = 1
 """Deflate level of the file; grain hardly gets smaller at higher ones."""
+# design: share of the bar on the screen; nothing is computed from it
+LOOKED = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +101,8 @@ class OrthoOptions:
     # design: a scan of 23 cm at 10 um, with room; the smallest machine has 8 GB
     scan_budget_bytes: int = 800_000_000
     """A scan up to this size is held in memory, a larger one is read by windows."""
+    visibility: bool = False
+    """Whether places that something hides from the photo are left out: a true ortho."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,19 +149,17 @@ def rectify_photo(
         progress: Told after every tile.
 
     Returns:
-        The product. Pixels outside the picture area or without a height are 0 (nodata).
+        The product. Pixels outside the picture area, without height or hidden are 0 (nodata).
     """
     grid = grid if isinstance(grid, Grid) else ortho_grid(photo, camera, dem, grid)
-    source = ScanSource(
-        photo.scan,
-        1 if options.resampling == "nearest" else _reduction(photo, camera, grid),
-        options.threads,
-        options.scan_budget_bytes,
-    )
+    reduction = 1 if options.resampling == "nearest" else _reduction(photo, camera, grid)
+    source = ScanSource(photo.scan, reduction, options.threads, options.scan_budget_bytes)
     mask = picture_mask(photo, camera, options.edge_mm, usable)
-    work = _Work(photo, camera, dem, grid, source, mask, options.resampling, area)
+    footprint = footprint_of(photo, camera, dem)
+    sight, progress = _looked_down(photo, dem, grid, footprint, options, progress)
+    work = _Work(photo, camera, dem, grid, source, mask, sight, options.resampling, area)
     nadir = (float(photo.exterior.centre[0]), float(photo.exterior.centre[1]))
-    tiles = _tiles_near(reach_of(footprint_of(photo, camera, dem)), grid, options.tile_px)
+    tiles = _tiles_near(reach_of(footprint), grid, options.tile_px)
     profile = tiled_profile(grid, crs, source.dtype.name, source.bands) | {
         "compress": "deflate",
         "zlevel": COMPRESSION_LEVEL,
@@ -176,6 +179,22 @@ def rectify_photo(
     )
     share = covered / (grid.columns * grid.rows)
     return OrthoProduct(photo.photo_id, path, grid, share, nadir)
+
+
+def _looked_down(
+    photo: Photo,
+    dem: Heights,
+    grid: Grid,
+    footprint: Polygon,
+    options: OrthoOptions,
+    progress: Progress,
+) -> tuple[Sight | None, Progress]:
+    """What the photo sees, where that is asked, and the progress that is left."""
+    if not options.visibility:
+        return None, progress
+    part, centre = Part(progress, 0.0, LOOKED), photo.exterior.centre
+    sight = look_down(centre, dem, grid, footprint, threads=options.threads, progress=part)
+    return sight, Part(progress, LOOKED, 1.0)
 
 
 def ortho_grid(photo: Photo, camera: Camera, dem: Heights, ground_sample_distance_m: float) -> Grid:
@@ -377,6 +396,7 @@ class _Work:
     grid: Grid
     source: ScanSource
     mask: PictureMask
+    sight: Sight | None
     resampling: Resampling
     area: Area | None
 
@@ -391,6 +411,8 @@ def _tile(work: _Work, window: Tile) -> Pixels | None:
     seen = work.mask.at(places.columns, places.rows, places.origin)
     if work.area is not None:
         seen &= burn_area(work.area, tile)
+    if work.sight is not None:
+        seen &= work.sight.seen(window)
     if not seen.any():
         return None
     part = _window_of(work, places, seen)

@@ -81,7 +81,7 @@ def locate_tile(
     Fine nodes start at the spacing of the DEM; both spacings are halved until relief between the
     nodes and the check against exact projection stay below `LIMIT_PX`.
     """
-    spacing, coarse = _starting_spacing(dem, tile), COARSE_SPACING
+    spacing, coarse = starting_spacing(dem, tile), COARSE_SPACING
     while True:
         heights = dem.on(_nodes(tile, spacing))
         if not (heights < photo.exterior.centre[2] - LEAST_DEPTH_M).any():
@@ -121,7 +121,8 @@ def spread(
     return np.asarray(wide[factor : factor + rows, factor : factor + columns])
 
 
-def _starting_spacing(dem: Heights, tile: Grid) -> int:
+def starting_spacing(dem: Heights, tile: Grid) -> int:
+    """Pixels between nodes that are as far apart as the posts of a DEM, a power of two."""
     ratio = dem.ground_sample_distance_m / tile.ground_sample_distance_m
     return min(int(2 ** np.floor(np.log2(max(ratio, 1.0)) + 1e-6)), LARGEST_SPACING)
 

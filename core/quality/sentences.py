@@ -117,7 +117,7 @@ SENTENCES = {
     "no-holes": "The mosaic has no holes inside it.",
     "holes": "Holes inside the mosaic: {count}, {area:,.0f} m² together; the largest "
     "({largest:,.0f} m²) is about E {east} N {north}. No photo shows the ground there, or only a "
-    "part that is left out, or the DEM has no height.",
+    "part that is left out, or something higher hides it, or the DEM has no height.",
     "misfit-places": "Places where the mosaic is further off the reference than predicted: "
     "{count}; the worst by {metres} m, about E {east} N {north}.",
     "read": "Places of the plan that were read: {read} of {planned} (not identifiable: "

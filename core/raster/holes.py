@@ -7,10 +7,10 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 import rasterio
-from jaxtyping import Float32, Int64
+from jaxtyping import Float32, Int64, Shaped
 from shapely.geometry.base import BaseGeometry
 
-from core.arrays import Mask
+from core.arrays import Mask, Scalars
 from core.frames import HALF_PIXEL
 from core.geometry.areas import Area
 from core.geometry.crs import shared_bounds
@@ -37,20 +37,29 @@ class Hole:
     area_m2: float
     """Its area."""
     east: float
-    """Easting of its middle, metres in the raster's CRS."""
+    """Easting of its middle, or of its cell nearest to that, metres in the raster's CRS."""
     north: float
-    """Northing of its middle."""
+    """Northing likewise."""
     masked_in: tuple[str, ...] = ()
     """Photos whose picture reaches over its middle, where it is left out; none reaches if empty."""
     without_height: bool = False
     """Whether the DEM has no height at its middle, so that no photo can be laid there."""
+    hidden_in: tuple[str, ...] = ()
+    """Photos that reach over it, and from which something higher hides ground of it."""
 
     @property
-    def why(self) -> Literal["no-height", "masked", "unreached"]:
+    def why(self) -> Literal["no-height", "hidden", "masked", "unreached"]:
         """Why nothing is shown."""
         if self.without_height:
             return "no-height"
+        if self.hidden_in:
+            return "hidden"
         return "masked" if self.masked_in else "unreached"
+
+    @property
+    def told_photos(self) -> tuple[str, ...]:
+        """The photos that the reason names."""
+        return self.hidden_in or self.masked_in
 
 
 def find_holes(path: Path, area: Area | None = None) -> tuple[Hole, ...]:
@@ -77,10 +86,20 @@ def find_holes(path: Path, area: Area | None = None) -> tuple[Hole, ...]:
     for number in range(1, count):
         if area is None and number == numbers[0, 0]:
             continue
-        column, row = ((middles[number] - 0.5) * side).tolist()
+        place = _within(numbers, number, middles[number])
+        column, row = ((place - 0.5) * side).tolist()
         east, north = transform @ (column, row)
         found.append(Hole(float(pixels[number]) * pixel_m2, float(east), float(north)))
     return tuple(sorted(found, key=lambda hole: (-hole.area_m2, hole.east, hole.north)))
+
+
+def _within(numbers: Shaped[np.ndarray, "r c"], number: int, middle: Scalars) -> Scalars:
+    """The middle of a part, or the middle of its cell nearest to it where it is bent."""
+    column, row = np.rint(middle).astype(int).tolist()
+    if numbers[row, column] == number:
+        return middle
+    cells = np.argwhere(numbers == number)[:, ::-1].astype(np.float64)
+    return cells[np.argmin(np.hypot(*(cells - middle).T))]
 
 
 def missing_in_cells(file: Any, side: int, area: Area | None = None) -> Counts:

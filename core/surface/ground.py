@@ -144,9 +144,16 @@ class CorrectedHeights:
 
     def on(self, grid: Grid) -> Matrix:
         """Heights at the pixel centres of a grid, metres; NaN where there is none."""
-        east, north = np.meshgrid(*grid.centres())
-        heights = self.heights(np.column_stack([east.ravel(), north.ravel()]))
-        return heights.reshape(grid.rows, grid.columns)
+        east, north = grid.centres()
+        if not isinstance(self.dem, Heights):
+            plan = np.column_stack([part.ravel() for part in np.meshgrid(east, north)])
+            return self.heights(plan).reshape(grid.rows, grid.columns)
+        cell = self.grid.ground_sample_distance_m
+        columns = ((east - self.grid.west) / cell - HALF_PIXEL).astype(np.float32)
+        rows = ((self.grid.north - north) / cell - HALF_PIXEL).astype(np.float32)
+        maps = np.meshgrid(columns, rows)
+        more = cv2.remap(self.corrections, maps[0], maps[1], cv2.INTER_LINEAR)
+        return self.dem.on(grid) + np.asarray(more)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ from sessions.checks import version_on_disk
 from sessions.session import Session
 from tests.core.mosaic.conftest import CRS, write_ortho
 from tests.core.raster_files import write_raster
+from tests.flights import FlightPlan, fly
 
 WEST, NORTH, SIDE = 500_000.0, 4_101_000.0, 400
 
@@ -278,6 +279,32 @@ def test_a_hole_of_the_mosaic_where_the_dem_has_no_height_says_so__truth(block):
     given = replace(project, reference=ReferenceSection(dem=(dem,)))
     holes = make_mosaic(session, given, orthos, SILENT).holes
     assert {hole.east - WEST: hole.without_height for hole in holes} == {260: True, 360: False}
+
+
+def test_a_hole_names_the_photos_that_something_higher_hides_it_from__truth(block):
+    """A yard between walls 30 m high, photographed from 1000 m and 400 m aside of it."""
+    project, session, orthos = block
+    flight = fly(FlightPlan(ties=40), np.random.default_rng(0)).block
+    for ortho, photo, east in zip(orthos, flight.photos.values(), (-100.0, 700.0), strict=False):
+        centre = np.array([WEST + east, NORTH - 110, 1250.0])
+        high = replace(photo, exterior=replace(photo.exterior, centre=centre))
+        camera = flight.camera_of(photo.photo_id)
+        session.products.save_value(f"made-with/{ortho.photo_id}", ortho.photo_id, (high, camera))
+        left = round(ortho.grid.west - WEST)
+        with rasterio.open(ortho.path, "r+") as file:
+            values = file.read(1)
+            values[100:120, 297 - left : 303 - left] = 0
+            values[200:220, 297 - left : 303 - left] = 0
+            file.write(values, 1)
+    heights = np.full((400, 600), 250, dtype=np.float32)
+    heights[90:130, 280:295] = heights[90:130, 305:320] = 280
+    dem = write_raster(project.folder / "d.tif", heights, at(1.0), crs=CRS)
+    given = replace(project, reference=ReferenceSection(dem=(dem,)))
+    for visibility, why in ((True, "hidden"), (False, "masked")):
+        asked = replace(given, ortho=OrthoSection(visibility=visibility))
+        holes = make_mosaic(session, asked, orthos, SILENT, anew=True).holes
+        assert {round(NORTH - hole.north): hole.why for hole in holes} == {110: why, 210: "masked"}
+        assert {hole.told_photos for hole in holes} == {("a", "b")}
 
 
 def test_a_mosaic_that_is_gone_or_another_has_no_version__law(block):

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -46,10 +46,15 @@ PROJECT: Any = SimpleNamespace(
 @pytest.fixture
 def made(monkeypatch):
     """The photos of which an ortho was made, of one pixel and no scan."""
-    names: list[str] = []
 
-    def rectified(photo, camera, heights, gsd, path, crs, **how):
+    class Names(list[str]):
+        asked: ClassVar[dict[str, bool]] = {}
+
+    names = Names()
+
+    def rectified(photo, camera, heights, gsd, path, crs, *, options, **how):
         names.append(photo.photo_id)
+        names.asked[photo.photo_id] = options.visibility
         path.write_bytes(b"pixels")
         return OrthoProduct(photo.photo_id, path, Grid(0, 1, 1.0, 1, 1), 1.0, (0.0, 0.0))
 
@@ -76,6 +81,18 @@ def test_an_ortho_goes_with_its_photo_and_nothing_else_does__law(tmp_path, made)
         made.clear()
         make_orthos(session, project, block, ground, SILENT)
     assert made == [first]
+
+
+def test_orthos_with_visibility_are_made_again_and_those_without_come_back__law(tmp_path, made):
+    asked: Any = SimpleNamespace(
+        **(vars(PROJECT) | {"ortho": replace(PROJECT.ortho, visibility=True)})
+    )
+    with Session.open(tmp_path, "ada") as session:
+        for project, makes in ((PROJECT, 1), (asked, 1), (asked, 0), (PROJECT, 1)):
+            made.clear()
+            make_orthos(session, project, BLOCK, GROUND, SILENT)
+            assert len(made) == makes * len(BLOCK.photos)
+            assert all(made.asked[name] is project.ortho.visibility for name in made)
 
 
 def test_a_mosaic_keeps_its_version_while_its_orthos_are_made_again__law(tmp_path, made):

@@ -224,9 +224,9 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
 
 
 def _hole(hole: Hole) -> list[object]:
-    """Its middle and area, why nothing is shown, and the photos it is left out in."""
+    """Its middle and area, why nothing is shown, and the photos that the reason names."""
     place = (round(value, 1) for value in (hole.east, hole.north, hole.area_m2))
-    return [*place, hole.why, list(hole.masked_in)]
+    return [*place, hole.why, list(hole.told_photos)]
 
 
 def _seam(seam: Seam, gsd_m: float) -> Part:
