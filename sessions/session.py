@@ -83,6 +83,11 @@ class Session:
             StorageError: The session cannot be read or written.
         """
         folder = block_folder.resolve()
+        for own in (folder / HIDDEN, folder / RESULTS):
+            # What is tended there would be the files of others.
+            if own.resolve() in (folder, *folder.parents):
+                cause = "is a link to a folder that holds the block."
+                raise StorageError(own, cause, "Take the link away.")
         for made in (folder / HIDDEN / "products", folder / RESULTS):
             with explain_disk_errors(made):
                 made.mkdir(parents=True, exist_ok=True)

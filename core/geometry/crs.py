@@ -202,9 +202,14 @@ def operation_between(
     area: Any = AreaOfInterest(west, south, east, north)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that a grid is missing is told by `best`
-        group = TransformerGroup(
-            source, target, always_xy=True, area_of_interest=area, allow_ballpark=False
-        )
+        try:
+            group = TransformerGroup(
+                source, target, always_xy=True, area_of_interest=area, allow_ballpark=False
+            )
+        except (IndexError, ProjError) as error:
+            # A CRS that reads as one, and whose numbers PROJ cannot compute with.
+            cause = say("its CRS {crs} cannot be computed with.", crs=short_name(CRS(source)))
+            raise CrsError(where, cause, "Give the file a sound CRS.") from error
         lacking = sorted({g.short_name for op in group.unavailable_operations for g in op.grids})
         if not group.transformers and not lacking:
             # Nobody knows how the datums differ: told by an accuracy that is not known.

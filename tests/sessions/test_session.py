@@ -264,6 +264,16 @@ def test_a_folder_that_cannot_be_written_is_told__truth(tmp_path: Path) -> None:
         Session.open(tmp_path, "ada")
 
 
+def test_a_folder_of_ours_that_links_to_one_about_the_block_is_told__law(tmp_path: Path) -> None:
+    """Leftovers of others would be tended there."""
+    block = tmp_path / "block"
+    block.mkdir()
+    (block / ".gruber").symlink_to("..")
+    with pytest.raises(StorageError, match="link to a folder that holds the block"):
+        Session.open(block, "ada")
+    assert [path.name for path in tmp_path.iterdir()] == ["block"]
+
+
 def test_a_session_that_is_looked_at_is_read_and_never_written__law(tmp_path: Path) -> None:
     with Session.open(tmp_path / "block", "ada") as session:
         session.record(Remark("place", "", "dark", (1.0, 2.0), "tone"))

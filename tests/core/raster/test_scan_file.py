@@ -291,3 +291,12 @@ def test_nothing_is_sought_on_a_data_strip__truth(tiny) -> None:
     usable = read_scan(masked, window).usable
     assert usable[:35].all()
     assert not usable[45:].any()
+
+
+def test_a_spoilt_world_file_beside_a_scan_is_named__law(tmp_path: Path) -> None:
+    """GDAL looks into it when it is asked for colours."""
+    path = tmp_path / "scan.tif"
+    write_gray(path, np.zeros((40, 60), np.uint8))
+    path.with_suffix(".tfw").write_text("<a>" * 2_000_000)
+    with pytest.raises(ScanError, match="A file beside it cannot be read"):
+        open_scan(path)
