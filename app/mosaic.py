@@ -24,7 +24,7 @@ from core.block import Photo
 from core.errors import ProjectError, ReferenceDataError
 from core.formats.vectors import read_layers
 from core.geometry.camera import Camera
-from core.geometry.crs import Bounds, parse_crs
+from core.geometry.crs import Bounds, bounds_of, parse_crs
 from core.mosaic.change import find_change, write_change
 from core.mosaic.composition import (
     FormerMosaic,
@@ -164,13 +164,15 @@ def _on_ground(holes: Sequence[Hole], project: Project, session: Session) -> tup
     told = tuple(replace(h, without_height=u) for h, u in zip(holes, unknown, strict=True))
     if not project.ortho.visibility:
         return told
-    low, high = places.min(axis=0).tolist(), places.max(axis=0).tolist()
-    ground, _ = chosen_ground(session, project, dem, (*low, *high))
     centres = {
         name: kept[0].exterior.centre
         for name in {name for hole in holes for name in hole.masked_in}
         if (kept := _made_with(session, name)) is not None
     }
+    # Decks on the way from a hole to a photo count as well.
+    nadirs = np.array([centre[:2] for centre in centres.values()]).reshape(-1, 2)
+    bounds = bounds_of(np.vstack([places, nadirs]))
+    ground, _ = chosen_ground(session, project, dem, bounds)
     return tuple(_hidden(hole, ground, centres) for hole in told)
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from shapely.geometry import box
 
 from app.block_sections import OrthoSection
 from app.project import Project
@@ -26,6 +27,7 @@ from core.orthos.scan_places import LARGEST_SPACING, Heights
 from core.progress import Part, Progress
 from core.raster.dem import RIM_PX, Dem
 from core.raster.grid import Grid
+from core.raster.ortho import open_ortho
 from core.raster.stand_in import NO_PICTURES, is_stand_in
 from sessions.atomic_write import whole_file
 from sessions.checks import keep_version
@@ -118,6 +120,15 @@ def read_area(project: Project) -> Area | None:
     return None if file is None else read_polygons(file, project)
 
 
+def check_area(project: Project) -> None:
+    """Find out before the walk what an area would stop it by; raises as `make_orthos`."""
+    area, files = read_area(project), project.reference.ortho
+    if area is not None and files:
+        bounds = open_ortho(files, project.block.crs).bounds
+        if not area.intersects(box(*bounds)):
+            raise _nowhere(project.ortho.area)
+
+
 def read_polygons(file: Path, project: Project) -> Area:
     """The area of all polygons of a file, in the block's CRS.
 
@@ -155,9 +166,12 @@ def _places(
 def _check_any(orthos: Sequence[OrthoProduct], project: Project) -> None:
     """Make sure that some photo reaches the area that was asked for."""
     if project.ortho.area is not None and not orthos:
-        cause = "lies where no photo of the block shows anything."
-        remedy = "Give an area in the block, and check its CRS."
-        raise ProjectError(project.ortho.area, cause, remedy)
+        raise _nowhere(project.ortho.area)
+
+
+def _nowhere(area: Path | None) -> ProjectError:
+    cause = "lies where no photo of the block shows anything."
+    return ProjectError(str(area), cause, "Give an area in the block, and check its CRS.")
 
 
 def _options(section: OrthoSection) -> OrthoOptions:

@@ -72,8 +72,7 @@ WRITTEN = "written"
 LANGUAGE = "report-language"
 """Product that keeps the language of the last report."""
 WALKED, TIMES = "walked", "times"
-"""Products that keep the last walk for a report written without one, and how long each product
-took to make, stage by stage, whatever stopped the walk."""
+"""Products: the last walk, for a report written without one; how long each product took."""
 NOTHING_STANDS = (
     "No photo is oriented yet, so there is nothing to make orthos of. Measure four surveyed points "
     "in a photo at the desk (gruber review), then run the block again."
@@ -414,6 +413,7 @@ class Run:
             seams=mosaic.seams,
             seam_fits=fits,
             holes=mosaic.holes,
+            area_shown=None if mosaic.area is None else mosaic.covered_share,
             change=made(self.results.change),
             misfit=misfit,
             likely_faults=likely,

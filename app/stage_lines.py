@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Mapping, Sequence
 
 from app.mosaic import check_guides
-from app.orthos import read_area
+from app.orthos import check_area
 from app.project import Project
 from app.report.wording import remarks
 from app.sheets import check_sheets, far_sheets
@@ -93,7 +93,7 @@ def notes_ahead(names: Collection[str], project: Project) -> list[str]:
     if "surface" in names:
         check_surface(project)
     if "orthos" in names:
-        read_area(project)
+        check_area(project)
     notes = [*check_guides(project)] if "mosaic" in names else []
     if "sheets" in names:
         notes += far_sheets(project, check_sheets(project))

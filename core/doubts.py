@@ -55,6 +55,7 @@ GRAVITY: Mapping[str, float] = {
     "no-ortho": 0.3,
     "no-picture": 0.3,
     "polygons-elsewhere": 0.3,
+    "reference-elsewhere": 0.3,
     "reference-not-compared": 0.3,
     "roads-empty": 0.3,
     "pair-few-ties": 0.2,

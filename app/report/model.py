@@ -122,6 +122,8 @@ class ReportContent:
     """How well neighbours fit along them, the largest shift first."""
     holes: Sequence[Hole] | None = None
     """Holes inside it, largest first; None where there is no mosaic."""
+    area_shown: float | None = None
+    """Share that it shows of the area asked for, 0 to 1; None where none was."""
     change: Mapping[str, float] = field(default_factory=dict[str, float])
     """Share of the ground that is `same` as today and that is `different`; empty: not known."""
     misfit: Misfit | None = None
@@ -200,7 +202,10 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "map": map_figures(report, footprints),
         "mosaic": None
         if content.mosaic is None
-        else mosaic_figures(content.mosaic, content.seams, content.holes or (), content.seam_fits),
+        else {
+            **mosaic_figures(content.mosaic, content.seams, content.holes or (), content.seam_fits),
+            "area_shown": content.area_shown,
+        },
         "change": dict(content.change),
         "misfit": misfit_figures(content.misfit),
         "likely_faults": [fault_figures(place) for place in content.likely_faults],

@@ -51,6 +51,7 @@ def findings(figures: Figures, tell: Teller) -> dict[str, str]:
         "left_out": _left_out(control, tell),
         "residuals": _residuals(adjustment["rms_px"], tell),
         "holes": _holes(figures["mosaic"], tell),
+        "area_shown": _area_shown(figures["mosaic"], tell),
         "coverage": tell(
             "report.coverage",
             good=sum(photo["control_cells"] >= 5 for photo in figures["coverage"]),
@@ -175,6 +176,13 @@ def _holes(mosaic: Figures | None, tell: Teller) -> str:
         return tell("report.holes.none")
     area = sum(hole["area_m2"] for hole in mosaic["holes"])
     return tell("report.holes", count=len(mosaic["holes"]), area=area)
+
+
+def _area_shown(mosaic: Figures | None, tell: Teller) -> str:
+    """How much of the area asked for is there; empty where none was."""
+    if mosaic is None or mosaic["area_shown"] is None:
+        return ""
+    return tell("report.area-shown", share=100 * mosaic["area_shown"])
 
 
 def _sigma(adjustment: Figures, tell: Teller) -> str:

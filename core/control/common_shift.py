@@ -5,12 +5,13 @@ photo alike. Salient points may therefore agree with each other and all be off i
 which their residuals do not show. Road junctions do, where they hold the block by themselves.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
 
-from core.adjustment.adjusted import AdjustmentOptions
+from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
 from core.block import UNKNOWN_M, Block
 from core.doubts import Doubt
@@ -41,6 +42,8 @@ class CommonShift:
     """Standard deviations of that."""
     points: tuple[str, ...]
     """The salient points in use."""
+    reference: str = ""
+    """Which reference they come from, where there are several."""
 
     @property
     def shared_m(self) -> Float64[np.ndarray, "2"]:
@@ -48,33 +51,49 @@ class CommonShift:
         return np.sqrt(np.maximum(self.shift_m**2 - self.sigma_m**2, 0.0))
 
 
-def common_shift(block: Block, options: AdjustmentOptions) -> CommonShift | None:
+def common_shifts(
+    block: Block, options: AdjustmentOptions, reference_of: Mapping[str, str] | None = None
+) -> tuple[CommonShift, ...]:
     """Adjust with the plan of all salient points left open, and see where they come to lie.
 
     Args:
         block: An oriented block with its control.
         options: The adjustment.
+        reference_of: Which reference each point comes from, where there are several.
 
     Returns:
-        The mean over the points without gross ones, with its standard deviation; None where there
-        are too few of either kind.
+        For each reference the mean over its points without gross ones, with its standard deviation;
+        none where there are too few of either kind.
     """
+    among = reference_of or {}
     used = {key[0] for key, item in block.measurements.items() if block.steers(item)}
     of = {
         source: [name for name in sorted(used) if block.surveyed[name].source == source]
         for source in ("junction", "salient")
     }
     if len(of["junction"]) < LEAST_JUNCTIONS or len(of["salient"]) < LEAST_SALIENT:
-        return None
+        return ()
     open_m = np.array([UNKNOWN_M, UNKNOWN_M, 0.0])
     loose = {
         name: replace(block.surveyed[name], sigma_m=block.surveyed[name].sigma_m + open_m)
         for name in of["salient"]
     }
     report = adjust_block(replace(block, surveyed={**block.surveyed, **loose}), options)
-    points = tuple(name for name in of["salient"] if name in report.surveyed_positions)
-    if not report.converged or len(points) < LEAST_SALIENT:
-        return None
+    groups: dict[str, list[str]] = {}
+    for name in of["salient"]:
+        if name in report.surveyed_positions:
+            groups.setdefault(among.get(name, ""), []).append(name)
+    return tuple(
+        _shift_of(report, block, tuple(points), reference)
+        for reference, points in groups.items()
+        if report.converged and len(points) >= LEAST_SALIENT
+    )
+
+
+def _shift_of(
+    report: AdjustmentReport, block: Block, points: tuple[str, ...], reference: str
+) -> CommonShift:
+    """The mean of some points less where they are said to be."""
     off = np.array(
         [(report.surveyed_positions[n] - block.surveyed[n].position)[:2] for n in points]
     )
@@ -84,25 +103,31 @@ def common_shift(block: Block, options: AdjustmentOptions) -> CommonShift | None
     # The best held point tells how well the junctions know the ground under all of them alike.
     held = np.min([report.surveyed_sigmas_m[name][:2] for name in points], axis=0)
     sigma = np.hypot(off.std(axis=0, ddof=1) / np.sqrt(len(off)), held)
-    return CommonShift(off.mean(axis=0), sigma, points)
+    return CommonShift(off.mean(axis=0), sigma, points, reference)
 
 
-def weigh_salient_points(block: Block, shift: CommonShift) -> tuple[Block, tuple[Doubt, ...]]:
+def weigh_salient_points(
+    block: Block, shift: CommonShift, reference_of: Mapping[str, str] | None = None
+) -> tuple[Block, tuple[Doubt, ...]]:
     """The block with its salient points given what they are worth together, and what to tell.
+
+    Those of other references keep their worth.
 
     An error that n points share makes their mean no better than one point: each gets the variance
     n times the square of what they share besides its own.
     """
+    among = reference_of or {}
     shared = np.append(shift.shared_m, 0.0) * np.sqrt(len(shift.points))
     lesser = {
         name: replace(point, sigma_m=np.hypot(point.sigma_m, shared))
         for name, point in block.surveyed.items()
         if point.source == "salient" and point.role == "control"
+        if among.get(name, "") == shift.reference
     }
     length = float(np.hypot(*shift.shared_m))
     told = Doubt(
         "common-shift",
-        "salient points",
+        shift.reference or "salient points",
         say(
             "{count} salient points lie {length:.1f} m off where the road junctions put "
             "them, all the same way, as crowns and shadows do. They were given less "

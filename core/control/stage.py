@@ -16,7 +16,7 @@ from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.weights import Terrain
 from core.block import Block, Photo, SurveyedPoint, TiePoints
 from core.control.calibration_check import Bin
-from core.control.common_shift import common_shift, weigh_salient_points
+from core.control.common_shift import common_shifts, weigh_salient_points
 from core.control.datum import lay_on_reference
 from core.control.multi_photo import KeptSurfaces, joint_searches, keeping_surfaces
 from core.control.proposals import borne_out, judge_searches, with_proposals
@@ -118,7 +118,7 @@ def find_control(
     # design: the rest of the time.
     rest = work.part(0.4, 1.0)
     report, reliability = propose_and_adjust(block, site, options, before is not None, rest)
-    report, told = with_true_worth(report, options.adjustment)
+    report, told = with_true_worth(report, options.adjustment, _references(report.block, site))
     return _found(report, (*doubts, *told), reliability, before)
 
 
@@ -259,15 +259,34 @@ def movement(before: Block, report: AdjustmentReport) -> float:
     return float(np.sqrt(np.mean(np.square(moved)))) if moved else float("inf")
 
 
+def _references(block: Block, site: Site) -> Mapping[str, str]:
+    """Which reference the points of a block come from; nothing where it is but one."""
+    layers, names = site.reference.layers, [*block.surveyed]
+    if not layers:
+        return {}
+    plan = np.array([block.surveyed[name].position[:2] for name in names]).reshape(-1, 2)
+    numbers = site.reference.layers_at(plan)[:, 0].tolist()
+    return {n: layers[k].name for n, k in zip(names, numbers, strict=True) if k >= 0}
+
+
 def with_true_worth(
-    report: AdjustmentReport, options: AdjustmentOptions
+    report: AdjustmentReport,
+    options: AdjustmentOptions,
+    reference_of: Mapping[str, str] | None = None,
 ) -> tuple[AdjustmentReport, tuple[Doubt, ...]]:
-    """Adjusted again where the salient points share a shift, with what there is to tell of it."""
-    shift = common_shift(report.block, options)
-    if shift is None or not shift.shared_m.any():
-        return report, ()
-    block, told = weigh_salient_points(report.block, shift)
-    return adjusted_without_gross(block, options), told
+    """Adjusted again where salient points share a shift, with what there is to tell of it.
+
+    Args:
+        report: The block with its control.
+        options: The adjustment.
+        reference_of: Which reference each point comes from, where there are several.
+    """
+    block, told, lesser = report.block, list[Doubt](), False
+    for shift in common_shifts(block, options, reference_of):
+        if shift.shared_m.any():
+            block, more = weigh_salient_points(block, shift, reference_of)
+            told, lesser = [*told, *more], True
+    return (adjusted_without_gross(block, options) if lesser else report), tuple(told)
 
 
 def adjusted_without_gross(

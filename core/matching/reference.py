@@ -6,7 +6,7 @@ tone.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float64, Int64
 from core.arrays import ObjectPoints, locked
 from core.block import Block
 from core.formats.roads import Roads, read_roads
-from core.geometry.crs import Bounds
+from core.geometry.crs import Bounds, shared_bounds
 from core.raster.dem import Dem, PlanePoints, dems_laid_over, level_ground, open_dem
 from core.raster.ortho import Ortho, no_ortho, open_ortho, orthos_laid_over
 
@@ -229,6 +229,8 @@ def open_reference(
     Raises:
         PhotogrammetryError: A file is missing, damaged, or of another place.
     """
+    if bounds is not None:
+        files = replace(files, layers=layers_near(files, bounds))
     dem = open_heights(files, level_m)
     if bounds is not None:
         dem = dem.cropped(bounds)
@@ -244,6 +246,18 @@ def open_reference(
         None if roads is None else lines_on_ground(roads, dem),
         tuple(_opened(one, files.crs) for one in files.layers),
     )
+
+
+def layers_near(files: ReferenceFiles, bounds: Bounds) -> tuple[ReferenceLayer, ...]:
+    """The layers of which something lies within bounds (west, south, east, north, metres)."""
+    near: list[ReferenceLayer] = []
+    for one in files.layers:
+        opened = _opened(one, files.crs)
+        given = [part.bounds for part in (opened.ortho, opened.dem) if part is not None]
+        shared = [shared_bounds(bounds, one) for one in given]
+        if any(west < east and south < north for west, south, east, north in shared):
+            near.append(one)
+    return tuple(near)
 
 
 def _opened(layer: ReferenceLayer, crs: str) -> OpenLayer:

@@ -54,11 +54,11 @@ class Ortho:
 
     @property
     def ground_sample_distance_m(self) -> float:
-        """Pixel size of the sheets taken first, metres; of none, that of a picture on a screen."""
+        """Pixel size of the finest sheets, metres; of none, that of a picture on a screen."""
         if not self.is_there:
             west, south, east, north = self.bounds
             return max(east - west, north - south) / SCREEN_PX
-        return self.sheets.lattices[0].ground_sample_distance_m
+        return self.sheets.finest.ground_sample_distance_m
 
     @property
     def notes(self) -> tuple[Doubt, ...]:

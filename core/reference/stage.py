@@ -15,7 +15,7 @@ from core.formats.roads import Roads, read_roads
 from core.formats.vectors import read_mask_polygons
 from core.geometry.crs import Bounds, read_crs
 from core.matching.patches import OpenPhoto
-from core.matching.reference import Reference, ReferenceFiles, open_reference
+from core.matching.reference import Reference, ReferenceFiles, layers_near, open_reference
 from core.progress import Progress, Work
 from core.raster.scan_file import ScanFile
 from core.reference.junctions import Junction, find_junctions
@@ -98,7 +98,8 @@ def find_reference_points(
         progress=work.progress,
         mapper=work.mapper,
     )
-    return replace(features, doubts=(*roads.notes, *_elsewhere(files, bounds)))
+    away = (*_elsewhere(files, bounds), *_layers_elsewhere(files, bounds))
+    return replace(features, doubts=(*roads.notes, *away))
 
 
 def junctions_of(
@@ -135,6 +136,24 @@ def _elsewhere(files: ReferenceFiles, bounds: Bounds) -> tuple[Doubt, ...]:
         )
         for key, path in given.items()
         if path is not None and read_mask_polygons(path, crs, bounds).is_empty
+    )
+
+
+def _layers_elsewhere(files: ReferenceFiles, bounds: Bounds) -> tuple[Doubt, ...]:
+    """Layers that photos should be tied to, and of which nothing lies in the block."""
+    near = layers_near(files, bounds)
+    return tuple(
+        Doubt(
+            "reference-elsewhere",
+            one.name,
+            say(
+                "{name} does not reach the block, so no photo is tied to it. Check its CRS, or "
+                "leave ties out.",
+                name=one.name,
+            ),
+        )
+        for one in files.layers
+        if one not in near
     )
 
 

@@ -92,3 +92,6 @@ def test_each_layer_serves_where_those_before_it_have_nothing__law(tmp_path: Pat
     assert heights[:2].tolist() == [300, 250]
     assert np.isnan(heights[2])
     assert reference.dem.ground_sample_distance_m == 1.0
+    assert reference.ortho.ground_sample_distance_m == 0.5
+    here = open_reference(files, (WEST + 120, NORTH - 90, WEST + 180, NORTH - 10))
+    assert [layer.name for layer in here.layers] == ["today"]
