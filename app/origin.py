@@ -1,6 +1,5 @@
 """The rasters of origin of a block's mosaic, in its results."""
 
-from contextlib import ExitStack
 from pathlib import Path
 
 from app.misfit import block_errors
@@ -52,11 +51,7 @@ def make_origin(
     kept = None if anew else products.load_value(PRODUCT, products.digest_of(inputs, files.every))
     if kept is not None and all(path.is_file() for path in files.every):
         return files
-    with ExitStack() as stack:
-        parts = [stack.enter_context(whole_file(path)) for path in files.every[:3]]
-        write_origin(
-            mosaic.path, mosaic.grid, mosaic.seams, dates,
-            block_errors(given, report, dem), classes, OriginFiles(*parts),
-        )  # fmt: skip
+    errors = block_errors(given, report, dem)
+    write_origin(mosaic.path, mosaic.grid, mosaic.seams, dates, errors, classes, files, whole_file)
     products.save_value(PRODUCT, products.digest_of(inputs, files.every), True)
     return files

@@ -5,8 +5,8 @@ tables of their own, which bands of one file would have to share.
 """
 
 import colorsys
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -82,8 +82,9 @@ def write_origin(
     errors: BlockErrors,
     classes: Path | None,
     files: OriginFiles,
+    whole_file: Callable[[Path], AbstractContextManager[Path]] = nullcontext,
 ) -> None:
-    """Write the rasters of origin of a mosaic.
+    """Write the rasters of origin of a mosaic, one after the other.
 
     Args:
         mosaic: Its file.
@@ -93,6 +94,7 @@ def write_origin(
         errors: What the block predicts.
         classes: Classes of the ground; None where orthos stand on the DEM.
         files: To write.
+        whole_file: Gives the place to write a file at, and puts it where it belongs.
 
     Raises:
         OSError: The disk is full.
@@ -101,21 +103,24 @@ def write_origin(
     names = dict(enumerate(dates, 1))
     shown = photo_numbers(mosaic, grid, seams, {name: number for number, name in names.items()})
     kind = np.min_scalar_type(max(names, default=1))
-    with _opened(files.photo, grid, crs, str(kind)) as file:
-        file.write(shown.astype(kind), 1)
-        _name(file, ["photo"], "")
-        file.write_colormap(1, {number: _hue(number) for number in names})
     table = {number: (name, dates[name]) for number, name in names.items()}
-    write_raster_table(files.photo, {0: ("", "")} | table, ("scan", "date"))
-    with _opened(files.sigma, grid, crs, "float32", 2) as file:
+    with whole_file(files.photo) as path:
+        with _opened(path, grid, crs, str(kind)) as file:
+            file.write(shown.astype(kind), 1)
+            _name(file, ["photo"], "")
+            file.write_colormap(1, {number: _hue(number) for number in names})
+        write_raster_table(path, {0: ("", "")} | table, ("scan", "date"))
+    with whole_file(files.sigma) as path, _opened(path, grid, crs, "float32", 2) as file:
         file.write(plan_sigmas(shown, grid, names, errors))
         _name(file, ["standard deviation east", "standard deviation north"], "m")
-    with _opened(files.ground, grid, crs, "uint8") as file:
-        file.write(ground_classes(shown, grid, classes), 1)
-        _name(file, ["ground"], "")
-        file.write_colormap(1, {int(one): _rgb(colour) for one, (_, colour) in MEANINGS.items()})
     told = {int(one): (name,) for one, (name, _) in MEANINGS.items()}
-    write_raster_table(files.ground, {int(Ground.NONE): ("",)} | told, ("ground",))
+    with whole_file(files.ground) as path:
+        with _opened(path, grid, crs, "uint8") as file:
+            file.write(ground_classes(shown, grid, classes), 1)
+            _name(file, ["ground"], "")
+            colours = {int(one): _rgb(colour) for one, (_, colour) in MEANINGS.items()}
+            file.write_colormap(1, colours)
+        write_raster_table(path, {int(Ground.NONE): ("",)} | told, ("ground",))
 
 
 def photo_numbers(

@@ -262,8 +262,8 @@ def told_where_it_may_not_write(*arguments: object) -> Told:
         (90_000, "mosaic", "results/mosaic.tif"),
         (500_000, "mosaic", "results/mosaic.tif"),
         (2_000, "report", ".gruber/products/misfit/"),
-        (130_000, "report", "session.gpkg"),
-        (240_000, "report", "results/report.html"),
+        (130_000, "report", "results/origin_sigma.tif"),
+        (500_000, "report", "results/report.html"),
     ],
 )
 def test_a_full_disk_is_told_and_leaves_nothing_half__truth(
