@@ -129,10 +129,10 @@ def read_reference(document: Document, brought: bool, dated: bool) -> ReferenceS
     others = tuple(_other(one) for one in document.tables("reference.other") if one.values)
     first = next((one for one in document.tables("reference.other") if _ties(one)), None)
     if first is not None and not table.has("ortho"):
-        cause = say("[reference] has no ortho that it could stand beside.")
+        cause = say("[reference] itself names no ortho.")
         raise first.error("ties", cause, "Name this one in [reference] itself.")
     if first is not None and not dated:
-        cause = say("no scan says when it was taken, so nothing is nearest in time.")
+        cause = say("no scan has a date, so nobody knows which reference is nearest in time.")
         raise first.error("ties", cause, "Add taken to [scans], or leave ties out.")
     return ReferenceSection(
         *_dated(table),
@@ -154,7 +154,7 @@ def tied_to(files: ReferenceFiles, report: AdjustmentReport) -> dict[ReferenceLa
         for point in given
         if point.role == "control" and point.source != "surveyed"
     ]
-    return count_by_layer(files, np.array(places).reshape(-1, 2)) if files.layers else {}
+    return count_by_layer(files, np.array(places).reshape(-1, 2))
 
 
 def _ties(table: Table) -> bool:
@@ -167,7 +167,7 @@ def _other(table: Table) -> OtherReference:
         cause = "names neither an ortho nor heights."
         raise table.error("ortho", cause, "Name one of them, or take the table away.")
     if _ties(table) and year is None:
-        cause = say("without a year nobody knows whether it is nearer in time.")
+        cause = say("it has no year, so nobody knows which reference is nearest in time.")
         raise table.error("ties", cause, "Add year, or leave ties out.")
     return OtherReference(ortho, dem, year, ortho_m, dem_m, _ties(table))
 

@@ -254,7 +254,7 @@ def layers_near(files: ReferenceFiles, bounds: Bounds) -> tuple[ReferenceLayer, 
     for one in files.layers:
         opened = _opened(one, files.crs)
         given = [part.bounds for part in (opened.ortho, opened.dem) if part is not None]
-        shared = [shared_bounds(bounds, one) for one in given]
+        shared = [shared_bounds(bounds, part) for part in given]
         if any(west < east and south < north for west, south, east, north in shared):
             near.append(one)
     return tuple(near)
@@ -276,12 +276,10 @@ def open_heights(files: ReferenceFiles, level_m: float = 0.0) -> Dem:
 
 def count_by_layer(files: ReferenceFiles, plan: PlanePoints) -> dict[ReferenceLayer, int]:
     """How many places each layer's ortho shows first; nothing where the reference is but one."""
-    opened = tuple(_opened(one, files.crs) for one in files.layers)
-    known = np.full(len(plan), -1, dtype=np.int64)
-    for number, layer in enumerate(opened):
-        left = np.flatnonzero(known < 0)
-        known[left[layer.knows(plan[left])[:, 0]]] = number
-    return {one: int((known == number).sum()) for number, one in enumerate(files.layers)}
+    if not files.layers:
+        return {}
+    found = open_reference(files).layers_at(plan)[:, 0]
+    return {one: int((found == number).sum()) for number, one in enumerate(files.layers)}
 
 
 def level_of(block: Block) -> float:

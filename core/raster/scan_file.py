@@ -171,7 +171,7 @@ def open_scan(path: Path) -> ScanFile:
             raise ScanError(
                 path,
                 say("A file beside it cannot be read ({error}).", error=str(error)),
-                "Mend it and its rights, or take it away.",
+                "Correct it or its permissions, or remove it.",
             ) from error
         scan = ScanFile(path, size, bands, dataset.dtypes[0])
         if scan.dtype not in READABLE:
