@@ -48,8 +48,8 @@ from core.raster.ortho import Ortho, open_ortho
 from core.said import say
 from sessions.atomic_write import whole_file
 from sessions.checks import keep_written
-from sessions.decisions import standing_seam_edits
 from sessions.products import Products
+from sessions.seam_decisions import standing_seam_edits
 from sessions.session import Session
 
 FILE, SEAMS = "mosaic.tif", "seams.gpkg"

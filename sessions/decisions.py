@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 from core.block import Measurement, Role
 from core.formats.listed_point import ListedPoint
-from core.mosaic.seam_edits import SeamArea, SeamEdit, SeamLine
+from core.mosaic.seam_edits import SeamEdit
 from core.quality.check_plan import CheckPlace
 from core.scans.judging import FiducialMeasurement
 from core.sheets.acceptance import DrawnSheet, SamplingPlan
@@ -492,9 +492,3 @@ def _is_of(item: Recorded, kinds: Kinds) -> bool:
     """True for a decision of one of some kinds, of any where there are none."""
     said = item.decision
     return isinstance(said, kinds) if kinds else not isinstance(said, Withdraw)
-
-
-def standing_seam_edits(decisions: Sequence[Recorded]) -> tuple[SeamEdit, ...]:
-    """What stands of all that was drawn on the mosaic, in order."""
-    said = (item.decision for item in standing(decisions))
-    return tuple(one for one in said if isinstance(one, SeamLine | SeamArea))

@@ -47,8 +47,8 @@ from sessions.decisions import (
     PlaceFiducial,
     Recorded,
     changing,
-    standing_seam_edits,
 )
+from sessions.seam_decisions import standing_seam_edits
 from ui.review.check_gestures import Reviewed
 from ui.review.compare import stale_photos, with_made
 from ui.review.doubtful import extra_of

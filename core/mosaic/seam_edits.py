@@ -43,6 +43,8 @@ class SeamLine:
     """The other one."""
     line: tuple[tuple[float, float], ...]
     """Corners of the line, easting and northing, metres."""
+    replaces: int = 0
+    """Number of the edit that is laid anew by this one; 0 for none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +55,8 @@ class SeamArea:
     """The photo."""
     outline: tuple[tuple[float, float], ...]
     """Corners of the polygon, easting and northing, metres."""
+    replaces: int = 0
+    """As of a line."""
 
 
 SeamEdit = SeamLine | SeamArea

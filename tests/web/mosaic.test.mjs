@@ -77,7 +77,8 @@ test("what is drawn too short says so, and loses any corner__law", () => {
   editKey("KeyP", [0, 0]);
   editKey("Enter", [0, 0]);
   assert.equal(editState().said, "");
-  for (const corner of [[0, 0], [50, 0], [100, 0]]) putCorner(corner);
+  const onScreen = (ground) => ground;
+  for (const corner of [[0, 0], [50, 0], [100, 0]]) putCorner(corner, onScreen);
   // The middle one is nearest, though the last was set last.
   editKey("Delete", [44, 9]);
   assert.deepEqual(editState().places, [[0, 0], [100, 0]]);
@@ -86,9 +87,8 @@ test("what is drawn too short says so, and loses any corner__law", () => {
   editKey("Backspace", [0, 0]);
   assert.deepEqual([editState().places, editState().said], [[[0, 0]], ""]);
   editKey("KeyL", [0, 0]);
-  putCorner([0, 0]);
+  putCorner([0, 0], onScreen);
   // A double click sets a corner and ends there.
-  const onScreen = (ground) => ground;
   assert.ok(gripCorner([3, 3], onScreen));
   tapCorner();
   assert.equal(editState().said, "mosaic.edit.line.few");

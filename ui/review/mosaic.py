@@ -27,8 +27,9 @@ from core.mosaic.seams import LEAST_TOLD_M2, Seam
 from core.quality.check_plan import CheckPlace
 from core.raster.holes import Hole
 from core.scans.fiducials import HAND_SIGMA_PX
-from sessions.decisions import Recorded, Remark, standing
+from sessions.decisions import Recorded, Remark
 from sessions.remarks import standing_faults
+from sessions.seam_decisions import standing_seams
 from ui.review.history import subject_of
 from ui.review.judgement import footprint_polygons
 from ui.review.looks import short
@@ -119,6 +120,8 @@ class SeamDrawn:
     photo_id: str
     """The photo of an outline; empty for a line."""
     places: tuple[tuple[float, float], ...]
+    replaces: int = 0
+    """Number of the decision whose corners were moved; 0 for what is new."""
 
 
 def seam_from_message(seat_id: str, message: Mapping[str, Any]) -> SeamDrawn:
@@ -131,7 +134,7 @@ def seam_from_message(seat_id: str, message: Mapping[str, Any]) -> SeamDrawn:
     places = tuple(place_of({"place": place}) for place in cast("list[Any]", message["places"]))
     if not (3 if photo_id else 2) <= len(places) <= MOST_PLACES:
         raise ValueError("not a line")
-    return SeamDrawn(seat_id, photo_id, places)
+    return SeamDrawn(seat_id, photo_id, places, int(message.get("replaces", 0)))
 
 
 def decided_seam(gesture: SeamDrawn, desk: DeskSnapshot) -> tuple[SeamEdit | None, Notice | None]:
@@ -139,21 +142,37 @@ def decided_seam(gesture: SeamDrawn, desk: DeskSnapshot) -> tuple[SeamEdit | Non
     mosaic = desk.state.mosaic
     if mosaic is None:
         return None, Notice("notice.seam.none")
+    seams, former = _before(gesture.replaces, mosaic, desk.recorded)
+    number = 0 if former is None else gesture.replaces
     if gesture.photo_id:
-        edit = SeamArea(gesture.photo_id, gesture.places)
+        edit = SeamArea(gesture.photo_id, gesture.places, number)
     else:
-        pair = photos_along(mosaic.seams, gesture.places)
+        pair = photos_along(seams, gesture.places)
         if pair is None:
             return None, Notice("notice.seam.none")
-        edit = SeamLine(*pair, gesture.places)
+        edit = SeamLine(*pair, gesture.places, number)
+    if former is not None and replace(edit, replaces=former.replaces) == former:
+        return None, None
     shown = mosaic.product.shown
-    done = apply_edit(mosaic.seams, edit, shown)
+    done = apply_edit(seams, edit, shown)
     if isinstance(done, Failure):
         return None, Notice("notice.not-done", {"why": done.reason}, grave=True)
-    refused = refused_ground_m2(mosaic.seams, edit, shown)
+    refused = refused_ground_m2(seams, edit, shown)
     if refused <= LEAST_TOLD_M2:
         return edit, None
     return edit, Notice("notice.seam.part", {"area": f"{refused:.0f}"})
+
+
+def _before(
+    number: int, mosaic: ShownMosaic, recorded: Sequence[Recorded]
+) -> tuple[Sequence[Seam], SeamEdit | None]:
+    """The seams over which an edit is laid, and what it replaces; as they stand for a new one."""
+    laid = standing_seams(recorded)
+    turn = next((at for at, (one, _) in enumerate(laid) if one.decision_id == number), None)
+    if turn is None:
+        return mosaic.seams, None
+    edits = [edit for _, edit in laid[: turn + 1]]
+    return with_edits(mosaic.drawn, edits[:turn], mosaic.product.shown), edits[turn]
 
 
 def with_seam_edits(mosaic: ShownMosaic, edits: tuple[SeamEdit, ...]) -> ShownMosaic:
@@ -192,11 +211,11 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
                 "id": item.decision_id,
                 "who": item.who,
                 "when": item.when[:16],
-                "area": isinstance(item.decision, SeamArea),
-                "what": subject_of(item.decision),
+                "area": isinstance(edit, SeamArea),
+                "what": subject_of(edit),
+                "places": edit.outline if isinstance(edit, SeamArea) else edit.line,
             }
-            for item in reversed(standing(desk.recorded))
-            if isinstance(item.decision, SeamLine | SeamArea)
+            for item, edit in reversed(standing_seams(desk.recorded))
         ],
         "seams": [_seam(seam, gsd) for seam in shown.seams],
         "borders": {

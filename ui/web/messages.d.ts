@@ -384,7 +384,11 @@ interface Eye {
 }
 /** The part of the mosaic that one photo shows, metres east and north. */
 interface SeamOf { photo: string; date: string; label: Pair; rings: Pair[][] }
-interface SeamEdited { id: number; who: string; when: string; area: boolean; what: string }
+interface SeamEdited {
+  id: number; who: string; when: string; area: boolean; what: string;
+  /** Corners, metres east and north. */
+  places: Pair[];
+}
 /** The mosaic on disk; version 0 and nothing else where there is none. */
 interface Mosaic {
   version: number;

@@ -35,7 +35,7 @@ from ui.review.mosaic import (
     picked_part,
     with_seam_edits,
 )
-from ui.review.outcome import outcome_of
+from ui.review.outcome import Outcome, outcome_of
 from ui.review.queue import visible
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Evidence, Notice, Seat, ShownMosaic
@@ -116,6 +116,29 @@ def test_a_line_becomes_a_decision_on_the_photos_it_runs_between__law(desk: Desk
     assert made == SeamLine(WEST, EAST, tuple((x, y) for x, y in places))
     area = replace(drawn, photo_id=EAST)
     assert outcome_of(area, Seat("s", "anna"), desk).decisions == (SeamArea(EAST, drawn.places),)
+
+
+def test_corners_of_a_line_are_moved_over_the_seams_before_it__law(desk: DeskSnapshot) -> None:
+    mosaic, places = desk.state.mosaic, line_west_of_the_seam(desk)
+    assert mosaic is not None
+    seat, message = Seat("s", "anna"), {"kind": "seam", "photo": "", "places": places}
+
+    def outcome(places: list[list[float]], now: DeskSnapshot) -> Outcome:
+        drawn = gesture_from_message("s", {**message, "places": places, "replaces": 7})
+        assert isinstance(drawn, SeamDrawn)
+        return outcome_of(drawn, seat, now)
+
+    (laid,) = outcome(places, desk).decisions
+    assert isinstance(laid, SeamLine)
+    assert laid.replaces == 0, "there is none of that number"
+    state = replace(desk.state, mosaic=with_seam_edits(mosaic, (laid,)))
+    now = replace(desk, state=state, recorded=(Recorded(7, "2026-01-01", "anna", laid),))
+    assert mosaic_part(now)["edits"][0]["places"] == laid.line
+    assert not outcome(places, now).decisions, "no corner was moved"
+    nearer = [places[0], *([x + 30, y] for x, y in places[1:3]), places[3]]
+    (moved,) = outcome(nearer, now).decisions
+    assert isinstance(moved, SeamLine)
+    assert (moved.first, moved.second, moved.replaces) == (WEST, EAST, 7)
 
 
 def test_what_is_drawn_beside_the_mosaic_is_refused_with_a_reason__truth(

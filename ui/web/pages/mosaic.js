@@ -72,9 +72,10 @@ const HAND = {
   tap: () => state.wiping || tapCorner(),
   click: (pane, screen) => {
     const place = pane.layerFromScreen(screen);
-    if (isEditing()) return putCorner(groundFromLayer(place));
+    const onScreen = (/** @type {Pair} */ ground) => onPane(pane, ground);
+    if (isEditing()) return putCorner(groundFromLayer(place), onScreen);
     const fault = state.found
-      && chooseFault(state.found, (ground) => onPane(pane, ground), screen);
+      && chooseFault(state.found, onScreen, screen);
     if (!fault) return pick(place);
     pick(layerFromGround(fault.place));
     refresh();
@@ -84,6 +85,9 @@ const HAND = {
 
 /** @param {Pane} pane @param {Pair} ground */
 const onPane = (pane, ground) => pane.screenFromLayer(layerFromGround(ground));
+
+/** The pane that shows the mosaic. */
+const shownPane = () => state.panes[state.panes[1].room.offsetParent ? 1 : 0];
 
 const placeName = () => `gruber.mosaic.${start.name}`;
 
@@ -418,10 +422,10 @@ function describe({ seams = [] }, ground) {
  * @param {Pair} way @param {number} px of the screen
  */
 function move([right, down], px) {
-  const { view, cursor, panes } = state;
+  const { view, cursor } = state;
   const [x, y] = cursor ?? [view.x, view.y];
   state.cursor = [x + (right * px) / view.scale, y + (down * px) / view.scale];
-  const [width, height] = panes[1].room.offsetParent ? panes[1].size : panes[0].size;
+  const [width, height] = shownPane().size;
   const [left, top] = view.screenFromLayer(state.cursor, [width, height]);
   const out = left < 0 || top < 0 || left > width || top > height;
   if (out) view.show([view.x + (right * px) / view.scale, view.y + (down * px) / view.scale],
@@ -445,8 +449,9 @@ export function mosaicKey(event, letter) {
   const plain = ["Escape", "Backspace", "Delete"].includes(event.key);
   const name = event.key === " " ? "Space" : plain ? event.key : letter;
   const { cursor, view } = state;
+  const onScreen = (/** @type {Pair} */ ground) => onPane(shownPane(), ground);
   if (down && !event.repeat && state.found?.version
-    && editKey(name, groundFromLayer(cursor ?? [view.x, view.y]))) return true;
+    && editKey(name, groundFromLayer(cursor ?? [view.x, view.y]), onScreen)) return true;
   if (event.key === "Escape" || (letter === "KeyO" && event.shiftKey)) {
     if (down) byId("mosaic").close();
     return true;

@@ -18,6 +18,11 @@ const state = {
   /** True once a hand chose the photo: places choose none then. */
   chosen: false,
   seams: /** @type {SeamOf[]} */ ([]),
+  edits: /** @type {SeamEdited[]} */ ([]),
+  /** The edit whose corners are in hand; null for a new one. */
+  of: /** @type {SeamEdited | null} */ (null),
+  /** True from the press that takes an edit in hand until its release. */
+  taking: false,
   /** Why a gesture came to nothing. */
   said: "",
   gripped: -1,
@@ -34,10 +39,28 @@ export const isEditing = () => state.tool !== "";
 /** @param {Tool} tool on, or off again @param {Pair} [place] where it is meant */
 function use(tool, place) {
   Object.assign(state, { tool: state.tool === tool ? "" : tool, places: [], chosen: false,
-    said: "" });
+    said: "", of: null });
   if (place) propose(place);
   state.changed();
 }
+
+/** An edit that stands is in hand, as if it had just been drawn. @param {SeamEdited} edit */
+function takeUp(edit) {
+  Object.assign(state, { tool: toolOf(edit), places: [...edit.places], of: edit, said: "",
+    photo: edit.area ? edit.what : state.photo, chosen: edit.area });
+  state.changed();
+}
+
+/** Bounds with as much room round them as they are large. @param {Pair[]} places */
+function aroundAll(places) {
+  const [west, south] = [0, 1].map((axis) => Math.min(...places.map((place) => place[axis])));
+  const [east, north] = [0, 1].map((axis) => Math.max(...places.map((place) => place[axis])));
+  const room = Math.max(east - west, north - south);
+  return [west - room, south - room, east + room, north + room];
+}
+
+/** @param {SeamEdited} edit @returns {Tool} */
+const toolOf = ({ area }) => (area ? "area" : "line");
 
 /** The photo that shows a place, unless a hand chose one. @param {Pair} place */
 function propose(place) {
@@ -49,8 +72,10 @@ function propose(place) {
  * @param {Mosaic} found @param {PickedPlace | null} picked
  */
 export function editTools(found, picked) {
-  const { tool } = state;
-  state.seams = found.seams ?? [];
+  Object.assign(state, { seams: found.seams ?? [], edits: found.edits ?? [] });
+  // Taken back meanwhile, here or by somebody else: what is in hand is a new one.
+  if (!state.edits.some(({ id }) => id === state.of?.id)) state.of = null;
+  const { tool, of } = state;
   const photos = state.seams.map(({ photo }) => photo);
   if (!photos.includes(state.photo)) state.photo = picked?.photo ?? photos[0] ?? "";
   const buttons = TOOLS.map(([name, key]) => element("button", {
@@ -64,7 +89,7 @@ export function editTools(found, picked) {
     } }, ...photos.map((photo) =>
     element("option", { value: photo, selected: photo === state.photo }, shortName(photo))));
   const hint = tool ? [element("p", { class: "next", role: "status" },
-    word(state.said || `mosaic.edit.${tool}.hint`))] : [];
+    word(state.said || (of ? "mosaic.edit.moving.hint" : `mosaic.edit.${tool}.hint`)))] : [];
   return element("div", { id: "mosaic-tools" }, element("div", { class: "acts" }, ...buttons,
     ...(tool === "area" ? [choice] : [])), ...hint);
 }
@@ -72,33 +97,60 @@ export function editTools(found, picked) {
 /**
  * Every edit that stands.
  * @param {Mosaic} found @param {string} button what the button is called that writes the file
+ * @param {(bounds: number[]) => void} frame shows west, south, east, north
  */
-export function editSide({ edition, edits = [] }, button) {
+export function editSide({ edition, edits = [] }, button, frame) {
   const pending = edition ? [element("p", { id: "mosaic-pending", class: "doubted" },
     word("mosaic.edit.pending", { button }))] : [];
   const title = edits.length || edition ? [element("h3", {}, word("mosaic.edit"))] : [];
-  return [...title, ...pending, ...edits.map(line)];
+  return [...title, ...pending, ...edits.map((edit) => line(edit, frame))];
 }
 
-/** @param {SeamEdited} edit */
-const line = ({ id, who, when, area, what }) => element("p", { class: "decided" },
-  word(`mosaic.edit.did.${area ? "area" : "line"}`, {
+/** @param {SeamEdited} edit @param {(bounds: number[]) => void} frame */
+const line = (edit, frame) => {
+  const { id, who, when, what } = edit;
+  return element("p", { class: "decided" }, word(`mosaic.edit.did.${toolOf(edit)}`, {
     what: what.split(" | ").map(shortName).join(" | "), who, when: undivided(when),
   }),
+  element("button", { class: "small", disabled: start.guest, "aria-pressed":
+    `${state.of?.id === id}`, title: word("mosaic.edit.corners.tip"), onclick: () => {
+      frame(aroundAll(edit.places));
+      takeUp(edit);
+    } },
+  word("mosaic.edit.corners")),
   element("button", { class: "small", disabled: start.guest, title: word("history.back.tip"),
     onclick: () => send({ kind: "back", decision: id }) }, word("history.back")));
+};
 
-/** A corner more. @param {Pair} ground */
-export function putCorner(ground) {
-  if (!state.places.length) propose(ground);
-  state.places.push(ground);
+/**
+ * A corner more: in the side it is put on, else behind the last one.
+ * @param {Pair} ground @param {(ground: Pair) => Pair} onScreen
+ */
+export function putCorner(ground, onScreen) {
+  const { places, tool } = state;
+  if (!places.length) propose(ground);
+  const screen = places.map(onScreen);
+  const sides = screen.slice(1).map((end, at) => /** @type {const} */ ([screen[at], end]));
+  if (tool === "area" && screen.length > 2) sides.push([screen[screen.length - 1], screen[0]]);
+  const put = onScreen(ground);
+  const side = sides.findIndex(([begin, end]) => offSide(put, begin, end) < NEAR_PX);
+  places.splice(side < 0 ? places.length : side + 1, 0, ground);
   state.said = "";
   state.changed();
 }
 
+/** How far a place lies off a side, not off what prolongs it. @param {Pair[]} given */
+function offSide(...[[x, y], [a, b], [c, d]]) {
+  const length = Math.hypot(c - a, d - b) || 1;
+  const along = ((x - a) * (c - a) + (y - b) * (d - b)) / length;
+  const off = Math.abs((x - a) * (d - b) - (y - b) * (c - a)) / length;
+  return along > 0 && along < length ? off : Infinity;
+}
+
 /** A click on the last corner, or on the first one of an area, ends it: so does a double click. */
 export function tapCorner() {
-  const { tool, places, gripped } = state;
+  const { tool, places, gripped, taking } = state;
+  if (taking) return;
   const closes = tool === "area" && gripped === 0 && places.length > 2;
   if (gripped >= 0 && (closes || gripped === places.length - 1)) finish();
 }
@@ -110,27 +162,38 @@ function takeNearest([east, north]) {
 }
 
 function finish() {
-  const { tool, places, photo } = state;
+  const { tool, places, photo, of } = state;
   const most = (/** @type {number} */ value) => Math.round(value * 100) / 100;
   const few = places.length < (tool === "area" ? 3 : 2);
   state.said = few && places.length ? FEW[tool === "area" ? "area" : "line"] : "";
   if (few) return state.changed();
-  if (send({ kind: "seam", photo: tool === "area" ? photo : "",
-    places: places.map((place) => place.map(most)) })) state.places = [];
+  if (send({ kind: "seam", photo: tool === "area" ? photo : "", replaces: of?.id ?? 0,
+    places: places.map((place) => place.map(most)) })) {
+    Object.assign(state, { places: [], of: null });
+  }
   return state.changed();
 }
 
 /**
- * True where a corner lies under the hand, which then drags it.
+ * True where a corner lies under the hand, which then drags it: of what is drawn, or of an edit
+ * that stands, which is in hand from then on.
  * @param {Pair} screen @param {(ground: Pair) => Pair} onScreen
  */
 export function gripCorner([x, y], onScreen) {
-  state.gripped = state.places.findIndex((place) => {
+  const under = (/** @type {Pair[]} */ places) => places.findIndex((place) => {
     const [px, py] = onScreen(place);
     return Math.hypot(px - x, py - y) < NEAR_PX;
   });
+  const laid = handles().find(({ places }) => under(places) >= 0);
+  state.taking = Boolean(laid);
+  if (laid) takeUp(laid);
+  state.gripped = under(state.places);
   return state.gripped >= 0;
 }
+
+/** Edits that a hand may take by a corner: those of the tool, while nothing is drawn. */
+const handles = () => (state.places.length || start.guest ? []
+  : state.edits.filter((edit) => toolOf(edit) === state.tool));
 
 /** True while a corner is dragged. @param {Pair} ground */
 export function dragCorner(ground) {
@@ -140,19 +203,22 @@ export function dragCorner(ground) {
 }
 
 export function dropCorner() {
-  state.gripped = -1;
+  Object.assign(state, { gripped: -1, taking: false });
 }
 
-/** True when the key is of what is being drawn. @param {string} name @param {Pair} cursor */
-export function editKey(name, cursor) {
+/**
+ * True when the key is of what is being drawn.
+ * @param {string} name @param {Pair} cursor @param {(ground: Pair) => Pair} onScreen
+ */
+export function editKey(name, cursor, onScreen) {
   const tool = TOOLS.find(([, key]) => `Key${key}` === name)?.[0];
   if (tool && !start.guest) use(tool, cursor);
   else if (!isEditing()) return false;
   else if (name === "Escape") {
-    if (state.places.length) Object.assign(state, { places: [], said: "" });
+    if (state.places.length) Object.assign(state, { places: [], said: "", of: null });
     else state.tool = "";
   } else if (name === "Enter") finish();
-  else if (name === "Space") putCorner(cursor);
+  else if (name === "Space") putCorner(cursor, onScreen);
   else if (name === "Backspace" || name === "Delete") {
     if (name === "Delete") takeNearest(cursor);
     else state.places.pop();
@@ -167,9 +233,13 @@ export function editKey(name, cursor) {
  * @param {Context} context @param {(ground: Pair) => Pair} onScreen @param {Pair | null} cursor
  */
 export function drawEdit(context, onScreen, cursor) {
-  const { tool, places, gripped } = state;
+  const { tool, places, gripped, of } = state;
+  context.strokeStyle = INK;
+  for (const laid of handles()) {
+    for (const [x, y] of laid.places.map(onScreen)) context.strokeRect(x - 3, y - 3, 6, 6);
+  }
   if (!places.length) return;
-  const ahead = cursor && gripped < 0 ? [...places, cursor] : places;
+  const ahead = cursor && gripped < 0 && !of ? [...places, cursor] : places;
   halo(context, INK, 1.8, () => {
     ahead.map(onScreen).forEach(([x, y], at) => (at ? context.lineTo(x, y) : context.moveTo(x, y)));
     if (tool === "area") context.closePath();
@@ -179,6 +249,6 @@ export function drawEdit(context, onScreen, cursor) {
 }
 
 export const editState = () => {
-  const { tool, places, photo, said } = state;
-  return { tool, places, photo, said };
+  const { tool, places, photo, said, of } = state;
+  return { tool, places, photo, said, of: of?.id ?? 0 };
 };

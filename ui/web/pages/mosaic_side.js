@@ -39,7 +39,7 @@ export function mosaicSide(found, picked, status, acts) {
     ...stale(found, status, acts), ...sheetSide(found, acts), ...misfits(found, picked, acts),
     ...place(found, picked, acts),
     ...markFault(picked), ...behind(picked), ...faultList(found, acts.ask, acts.refresh),
-    ...editSide(found, word(remakeName(status))),
+    ...editSide(found, word(remakeName(status)), acts.frame),
     folded("mosaic.help", element("p", { class: "muted" }, word("mosaic.hint"))),
     ...holes(found, acts),
   ];
