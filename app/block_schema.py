@@ -44,6 +44,8 @@ class Unit:
     dots per inch."""
     example: str = ""
     """A value and what it means, where the unit alone does not tell how it is written."""
+    whole: bool = False
+    """Whether it has no fraction."""
 
     def advice(self, value: float) -> str:
         """What the value probably was meant to be."""
@@ -83,7 +85,7 @@ RIM_M = Unit("metres", 0.0, 10_000, (("kilometres", 1000),))
 """Rims of map sheets, and how far beyond a border they show something."""
 PERCENT = Unit("hundredths", 0.5, 100)
 """Sizes beside the uncompressed one."""
-YEARS = Unit("years", 1858, 2100)
+YEARS = Unit("years", 1858, 2100, whole=True)
 """Of photographs from the air."""
 EDGE_MM = Unit("millimetres", 0.0, 100, (("micrometres", 0.001),))
 """Strips along the edge of a frame."""

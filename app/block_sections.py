@@ -209,7 +209,11 @@ def taken_in(table: Table) -> str | dict[str, str]:
         name, time = row.filled(TAKEN[0]), row.cell(TAKEN[1])
         day = _time_of(time)
         if day is None:
-            raise row.refused('Line {number}: "{said}" is no date.', NO_DATE, said=time)
+            raise row.refused(
+                'Line {number}: "{said}" is no date between 1858 and 2015, when film was exposed.',
+                NO_DATE,
+                said=time,
+            )
         days[name] = day
     return days
 
@@ -228,7 +232,8 @@ def _is_list(table: Table, given: str) -> bool:
 def _day_in(table: Table, given: object) -> str:
     day = _time_of(given)
     if day is None:
-        raise table.error("taken", say('"{said}" is no date.', said=given), NO_DATE)
+        cause = say('"{said}" is no date between 1858 and 2015, when film was exposed.', said=given)
+        raise table.error("taken", cause, NO_DATE)
     return day
 
 

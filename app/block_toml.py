@@ -331,6 +331,9 @@ class Table:
         if not unit.low <= value <= unit.high:
             cause = say("{value:g} is outside what it can be.", value=value)
             raise self.error(key, cause, unit.advice(float(value)))
+        if unit.whole and value % 1:
+            cause = say("{value:g} is no whole number.", value=value)
+            raise self.error(key, cause, unit.advice(float(value)))
         return float(value)
 
 

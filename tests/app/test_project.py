@@ -186,6 +186,7 @@ def test_further_references_are_read_as_the_reference_is__law(promised: Path) ->
     line = text[: text.index("year = 1957")].count("\n") + 1
     for wrong, cause in (
         ("year = 19570", f"block.toml:{line} .reference.other. year: 19570 is outside"),
+        ("year = 1957.5", f"block.toml:{line} .reference.other. year: 1957.5 is no whole number"),
         ("years = 1957", f"block.toml:{line} .reference.other. years: is no key"),
     ):
         with pytest.raises(ProjectError, match=cause):
@@ -295,7 +296,7 @@ def test_times_that_cannot_be_used_are_refused__law(folder: Path, line: str, cau
 MISTAKES = {
     "no day": (
         TOML.replace("[scans]", '[scans]\ntaken = "16.5.1938"'),
-        r'taken: "16.5.1938" is no date. Write a day, a month or a year',
+        r'taken: "16.5.1938" is no date .* when film was exposed. Write a day, a month or a year',
     ),
     "unknown key": (
         put('camra = "x"'),
