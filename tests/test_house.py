@@ -345,6 +345,15 @@ def test_links_between_documents_lead_somewhere__law() -> None:
     assert not lost
 
 
+def test_what_is_promised_of_security_has_its_tests__law() -> None:
+    promises = table_under("SECURITY.md", "## What you may rely on")
+    for promise, tests in promises:
+        named_tests = re.findall(r"`(tests/[\w/]+\.py)(?:::(\w+))?`", tests)
+        assert named_tests, promise
+        for name, function in named_tests:
+            assert f"def {function}" in text_of(name), (promise, function)
+
+
 def _has_anchor(page: Path, anchor: str) -> bool:
     """True when a heading of the page has the anchor, as GitHub makes it."""
     headings = re.findall(r"(?m)^#+ (.+)$", page.read_text(encoding="utf-8")) if anchor else []
