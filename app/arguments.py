@@ -15,6 +15,8 @@ from core.said import say
 from ui.words.catalogue import LANGUAGES
 
 MOST_RELIEF_M = 2000.0
+FOLDERS = ("BLOCK", "FOLDER")
+"""Arguments that a shell completes with folders alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,6 +223,13 @@ def add_demo(verb: Parser) -> None:
 def add_doctor(verb: Parser) -> None:
     """Arguments of `doctor`."""
     add_block(verb, default=None)
+
+
+def add_completion(verb: Parser) -> None:
+    """Arguments of `completion`."""
+    shells = ("bash", "zsh", "fish")
+    told = say("one of {names}", names=shells)
+    verb.add_argument("shell", choices=shells, metavar="SHELL", help=told)
 
 
 def add_block(verb: Parser, default: Path | None = Path()) -> None:
@@ -459,6 +468,16 @@ VERBS = {
             "gruber doctor kobyli-1938": "its files and the disk as well",
         },
         add_doctor,
+    ),
+    "completion": Verb(
+        "completion:completion",
+        "print what lets a shell complete verbs, options and folders",
+        {
+            "gruber completion bash": "in ~/.bashrc: source <(gruber completion bash)",
+            "gruber completion zsh": 'in ~/.zshrc, after compinit: eval "$(gruber completion zsh)"',
+            "gruber completion fish": "in config.fish: gruber completion fish | source",
+        },
+        add_completion,
     ),
 }
 """What it can be asked to do, in the order of its help."""

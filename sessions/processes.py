@@ -1,6 +1,5 @@
 """Names of running processes, and a lock that lets one run at a time work on a block."""
 
-import fcntl
 import json
 import os
 import socket
@@ -10,13 +9,18 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
+import psutil
+from filelock import lock_descriptor
+
 from core.errors import StorageError
 from core.said import say
 from sessions.disk import explain_disk_errors
 
-_held: set[Path] = set()
-"""Locks this process holds. The kernel's record locks do not keep a process from itself, and are
-gone as soon as the process closes the file a second time: a held lock is never opened again."""
+# definition: Windows keeps the locked byte from every reader; JSON may begin with a blank.
+LOCKED = b" "
+"""What stands before the holder in a lock file."""
+# design: Linux counts in hundredths of a second; nothing starts twice under one number in less.
+TICKS_A_SECOND = 100
 
 
 def this_process() -> str:
@@ -30,7 +34,10 @@ def is_alive(process: str) -> bool:
     A process of another machine cannot be asked and counts as alive.
     """
     host, number, start = process.split("-")
-    return host != _host() or _start_of(int(number)) == start
+    try:
+        return host != _host() or _start_of(int(number)) == start
+    except psutil.AccessDenied:
+        return True
 
 
 @contextmanager
@@ -44,28 +51,21 @@ def only_run(path: Path, operator: str) -> Generator[None]:
     Raises:
         StorageError: Another run is at work in the same block.
     """
-    path = path.resolve()
-    if path in _held:
-        raise _taken(path, "this very process")
     with explain_disk_errors(path):
-        file = path.open("a+", encoding="utf-8")
+        file = path.open("ab")
     with file:
         _lock(path, file.fileno())
-        _held.add(path)
-        try:
-            with explain_disk_errors(path):
-                _sign(file.fileno(), operator)
-            yield
-        finally:
-            _held.remove(path)
+        with explain_disk_errors(path):
+            _sign(file.fileno(), operator)
+        yield
 
 
 def _lock(path: Path, descriptor: int) -> None:
     try:
-        # Record locks, not flock: the children of a killed run must not keep its lock.
-        fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError) as error:
-        raise _taken(path, _holder(path)) from error
+        # A child that was forked would keep the lock; one started by a command does not, and the
+        # program starts no others.
+        if not lock_descriptor(descriptor, blocking=False):
+            raise _taken(path, _holder(path))
     except OSError as error:
         remedy = "Copy the block to a local disk and work there."
         raise StorageError(
@@ -80,13 +80,15 @@ def _sign(descriptor: int, operator: str) -> None:
     since = datetime.now(UTC).isoformat(timespec="seconds")
     text = json.dumps({"operator": operator, "process": os.getpid(), "since": since})
     os.ftruncate(descriptor, 0)
-    os.pwrite(descriptor, text.encode(), 0)
+    os.write(descriptor, LOCKED + text.encode())
 
 
 def _holder(path: Path) -> str:
     """Who holds a lock, in words."""
     try:
-        holder = json.loads(path.read_text(encoding="utf-8"))
+        with path.open("rb", buffering=0) as file:
+            file.seek(len(LOCKED))
+            holder = json.loads(file.read())
         return f"{holder['operator']} (process {holder['process']}, since {holder['since']})"
     except (OSError, ValueError, KeyError, TypeError):
         return "another process"
@@ -106,25 +108,18 @@ def _host() -> str:
 
 
 def _start_of(number: int) -> str:
-    """When a process began, in ticks since the machine started; empty when it is not alive.
+    """When a process began, in hundredths of a second; empty when it is not alive.
 
-    Field 22 of /proc/PID/stat, counted from behind the name, which may hold blanks and brackets.
-    Where there is no /proc, every living process answers 0.
+    Raises:
+        psutil.AccessDenied: The system tells nothing of that process.
     """
     try:
-        stat = Path(f"/proc/{number}/stat").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return "" if Path("/proc/self/stat").exists() else _answer(number)
-    fields = stat.rpartition(")")[2].split()
-    return "" if fields[0] in "ZX" else fields[19]
-
-
-def _answer(number: int) -> str:
-    """0 when a process of that number can be signalled, empty when there is none."""
-    try:
-        os.kill(number, 0)
-    except ProcessLookupError:
+        process = psutil.Process(number)
+        if process.status() in (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD):
+            return ""
+        began = process.create_time()
+    except psutil.NoSuchProcess:
         return ""
-    except PermissionError:
-        return "0"
-    return "0"
+    # Linux knows it from the start of the machine, so that setting the clock changes nothing.
+    since = psutil.boot_time() if psutil.LINUX else 0.0
+    return str(round((began - since) * TICKS_A_SECOND))

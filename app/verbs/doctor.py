@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pyogrio
 import pyproj
 import rasterio
@@ -44,7 +45,7 @@ def examine(block: Path | None) -> Iterator[str]:
         if browser
         else "! No browser found: open the desk's address by hand"
     )
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / GIB
+    memory = psutil.virtual_memory().total / GIB
     yield attention(
         say(
             "Memory: {memory:.0f} GiB ({enough:.0f} GiB are enough for any scan)",

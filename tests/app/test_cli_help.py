@@ -4,6 +4,7 @@ import argparse
 import subprocess
 import sys
 from importlib.metadata import version
+from pathlib import Path
 
 import pytest
 
@@ -92,3 +93,25 @@ def test_examples_parse__law(capsys: pytest.CaptureFixture[str]) -> None:
             example = line.strip().split("   ")[0].split()
             assert example[0] == "gruber"
             assert parser().parse_args(example[1:]).verb is not None
+
+
+def test_bash_completes_verbs_options_choices_and_block_folders__oracle(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Asked is bash itself, about the words after `gruber`."""
+    assert main(["completion", "bash"]) == 0
+    (tmp_path / "gruber.bash").write_text(capsys.readouterr().out)
+    (tmp_path / "archive").mkdir()
+    (tmp_path / "archive.csv").touch()
+    asked = {
+        "ba": "batch",
+        "run --unt": "--until",
+        "run --until mos": "mosaic",
+        "run arch": "archive",
+        "batch archive.": "archive.csv",
+    }
+    script = 'source gruber.bash; complete() { _shtab_gruber; echo "${COMPREPLY[@]}"; }\n'
+    for words in asked:
+        script += f"COMP_WORDS=(gruber {words}); COMP_CWORD={len(words.split())}; complete\n"
+    told = subprocess.check_output(["bash", "-c", script], text=True, cwd=tmp_path)
+    assert told.splitlines() == list(asked.values())

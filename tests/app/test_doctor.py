@@ -1,7 +1,7 @@
 """What a machine and a block lack, in plain words."""
 
-import os
 import shutil
+from types import SimpleNamespace
 
 import pytest
 
@@ -56,13 +56,8 @@ def test_a_full_disk_a_small_memory_and_no_browser_need_attention__truth(tiny_bl
     usage = type(shutil.disk_usage("/"))(10**9, 10**9, 10**6)
     monkeypatch.setattr(doctor.shutil, "disk_usage", lambda path: usage)
     monkeypatch.setattr(doctor.shutil, "which", lambda name: None)
-    real = os.sysconf
-    pages = 2 * 1024**3 // real("SC_PAGE_SIZE")
-    monkeypatch.setattr(
-        doctor.os,
-        "sysconf",
-        lambda name: pages if name == "SC_PHYS_PAGES" else real(name),
-    )
+    memory = SimpleNamespace(total=2 * 1024**3)
+    monkeypatch.setattr(doctor.psutil, "virtual_memory", lambda: memory)
     grave = [line for line in examine(tiny_block) if line.startswith("! ")]
     for word in ("Disk: 0.0 GiB", "Memory: 2 GiB", "No browser"):
         assert any(word in line for line in grave), word

@@ -1,6 +1,7 @@
 """The folder of a block and its door."""
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -221,10 +222,13 @@ with session.products.making("ortho", "0" * 64) as folder:
 
 
 HOLD_THE_LOCK = """
-import sys
+import subprocess, sys
 from pathlib import Path
 from sessions.session import Session
 with Session.open(Path(sys.argv[1]), "ada").running():
+    # What it starts lives on when it is killed, and must not keep the lock.
+    waits = [sys.executable, "-c", "import time; time.sleep(9)"]
+    subprocess.Popen(waits, stdout=subprocess.DEVNULL)
     print("running", flush=True)
     sys.stdin.read()
 """
@@ -250,7 +254,7 @@ def test_one_run_at_a_time_and_the_lock_dies_with_its_process__truth(tmp_path: P
         other.communicate()
         with (
             session.running(),
-            pytest.raises(StorageError, match="this very process"),
+            pytest.raises(StorageError, match=rf"bob \(process {os.getpid()}, since "),
             session.running(),
         ):
             pass
