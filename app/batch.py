@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -37,9 +38,9 @@ COLUMNS = ("block", "state", "stage", "seconds", "findings", "message")
 LISTED = ("block", "priority", "until")
 CANCELLED = 130
 """Exit code of a run that was asked to stop."""
-# design: a cluster whose workers die more often than that needs a person.
-RETRIES = 5
-"""How many workers may die over one block before it counts as failed."""
+# design: four workers die over a block before Dask gives it up; after eight a person is needed.
+HANDED_OUT = 2
+"""How often a block is handed to a cluster whose workers die over it."""
 # design: often enough for an eye, and nothing for a processor
 LOOK_S = 0.5
 """How often the blocks under way are looked at, seconds."""
@@ -248,7 +249,11 @@ class Batch:
     def _follow(self, run_one: Callable[[BlockTask], BlockState], task: BlockTask) -> None:
         """Run one block and keep how it went."""
         self.states[task.block] = BlockState(task, "running")
-        self.states[task.block] = state = run_one(task)
+        try:
+            self.states[task.block] = state = run_one(task)
+        except ProjectError:
+            self.states[task.block] = BlockState(task)
+            raise
         self.voice.say(
             say("{block}: {state}", block=task.block, state=state.message or state.state)
         )
@@ -384,6 +389,8 @@ def dask_client(scheduler: str) -> Any:
     except ImportError as error:
         remedy = "Install it: pip install 'gruber[cluster]'."
         raise ProjectError("dask", "is not installed.", remedy) from error
+    # A lost connection stands in our error; its own words would be pages of calls.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     try:
         return Client(scheduler) if scheduler else Client(threads_per_worker=1)
     except (OSError, ValueError) as error:
@@ -395,15 +402,31 @@ def run_on_cluster(client: Any, task: BlockTask) -> BlockState:
     """Run one block on a worker, which sees the same folders.
 
     Another worker takes over from one that dies, where that one had got to: finished stages stay.
+
+    Raises:
+        ProjectError: The scheduler answers no longer.
     """
+    from distributed import KilledWorker
+
     started, whole = time.monotonic(), replace(task, block=task.block.resolve())
-    future = client.submit(run_silently, whole, pure=False, retries=RETRIES)
-    error = future.exception()
+    future, error = None, None
+    for _ in range(HANDED_OUT):
+        future = client.submit(run_silently, whole, pure=False)
+        error = future.exception()
+        if not isinstance(error, KilledWorker):
+            break
+    assert future is not None
+    if future.cancelled():
+        remedy = "Start it again and give the same command again; finished blocks stay."
+        raise ProjectError("dask scheduler", "answers no longer.", remedy)
     seconds = round(time.monotonic() - started, 1)
     if error is None and (why := future.result()):
         return BlockState(task, "failed", "adjustment", seconds, why, ended_early=True)
     if error is None:
         return BlockState(task, "done", task.until or STAGE_NAMES[-1], seconds)
+    if isinstance(error, KilledWorker):
+        why = say("every worker that ran it died; their logs say why, often too little memory.")
+        return BlockState(task, "failed", "", seconds, why)
     why = error.told if isinstance(error, PhotogrammetryError) else str(error)
     return BlockState(task, "failed", "", seconds, why)
 

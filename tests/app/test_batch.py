@@ -11,8 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
+from distributed import KilledWorker
 
-from app.batch import TABLE, BlockTask, read_list, run_apart, run_silently
+from app.batch import TABLE, BlockTask, read_list, run_apart, run_on_cluster, run_silently
 from app.block_toml import FieldError
 from app.cli import DONE, UNUSABLE, main
 from app.project import read_project
@@ -110,6 +111,42 @@ def test_why_a_block_failed_is_told_in_every_language__law(tmp_path):
         sent = pickle.loads(pickle.dumps(told))
         assert (type(sent), vars(sent)) == (type(told), vars(told))
         assert tell.again(sent.told) == tell.again(told.told)
+
+
+class Ends:
+    """A future of a cluster that ended in one way; a client that hands out one after another."""
+
+    def __init__(self, *ways):
+        self.ways = list(ways)
+
+    def submit(self, *_, pure):
+        assert not pure
+        return Ends(self.ways.pop(0))
+
+    def exception(self):
+        return self.ways[0] if isinstance(self.ways[0], Exception) else None
+
+    def cancelled(self):
+        return self.ways[0] == "cancelled"
+
+    def result(self):
+        return self.ways[0]
+
+
+def test_a_cluster_runs_a_block_again_when_workers_die_and_not_when_it_fails__law(tmp_path):
+    """A block that could not be used was run six times, and one of four dead workers given up."""
+    task = BlockTask(tmp_path)
+    died = KilledWorker("block", None, 3)
+    assert run_on_cluster(Ends(died, ""), task).state == "done"
+    failed = run_on_cluster(Ends(died, died, ""), task)
+    assert (failed.state, failed.message.split(";")[0]) == (
+        "failed",
+        "every worker that ran it died",
+    )
+    cannot = run_on_cluster(Ends(ProjectError("a.tif", "is cut off.", "Scan it."), ""), task)
+    assert (cannot.state, cannot.message) == ("failed", "a.tif: is cut off. Scan it.")
+    with pytest.raises(ProjectError, match="answers no longer"):
+        run_on_cluster(Ends("cancelled"), task)
 
 
 def test_a_block_in_which_no_photo_stands_is_not_done__truth(tiny_block, tmp_path, capsys):

@@ -2,9 +2,10 @@
 
 Copies of one synthetic block go through the whole of `gruber run`, one after the other in the same
 place. Compared are all files under results (tables, protocol, orthos, mosaic, layers), what is kept
-of every stage, and the layers of the session file table by table. Times are left out: the seconds
-of the stages in the report (`report.html` is drawn from `report.json`), `last_change` in the
-session file, and the names of what is kept of rasters, which hold the time of the raster.
+of every stage, and the layers of the session file table by table. Times are left out: in the report
+(`report.html` is drawn from `report.json`) when it was written, the seconds of the stages and the
+digests they bear; `last_change` in the session file; and what is kept of seconds and of rasters,
+whose digests hold the time of the raster.
 Ends with 1 when anything differs.
 """
 
@@ -25,8 +26,10 @@ from core.synthetic.options import SyntheticOptions
 RUNS = {"one worker": 1, "one worker again": 1, "two workers": 2}
 TIMES = ("last_change",)
 """Columns that tell when something was written."""
-OF_TIMES = ("timings_s",)
-"""Parts of the report that tell how long."""
+OF_TIMES = ("timings_s", "written", "provenance")
+"""Parts of the report that tell when and how long."""
+KEPT_WITH_TIMES = ("times", "walked", "mosaic", "mosaic-tiles")
+"""Products that hold seconds, or digests of rasters."""
 
 
 def digest(data: bytes) -> str:
@@ -64,7 +67,8 @@ def everything(folder: Path) -> dict[str, str]:
         if path.name not in ("report.html", "report.json")
     }
     found["results/report.json"] = report_without_times(results / "report.json")
-    for path in sorted(products.rglob("*.value")):
+    kept = (path for path in products.rglob("*.value") if path.parent.name not in KEPT_WITH_TIMES)
+    for path in sorted(kept):
         found[str(path.parent.relative_to(folder))] = digest(path.read_bytes())
     return found | layers(folder / "session.gpkg")
 
