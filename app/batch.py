@@ -392,7 +392,10 @@ def dask_client(scheduler: str) -> Any:
     # A lost connection stands in our error; its own words would be pages of calls.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     try:
-        return Client(scheduler) if scheduler else Client(threads_per_worker=1)
+        if scheduler:
+            return Client(scheduler)
+        # Its own pages at any free port: two clusters on one machine would want the same one.
+        return Client(threads_per_worker=1, dashboard_address="127.0.0.1:0")
     except (OSError, ValueError) as error:
         remedy = "Start it with `dask scheduler`, or correct --scheduler."
         raise ProjectError(scheduler, "does not answer.", remedy) from error

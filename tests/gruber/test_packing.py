@@ -1,12 +1,16 @@
 """The wheel: everything lies inside `gruber`, and it runs from there alone."""
 
+import json
+import re
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 
+from app.cli import parser
 from gruber.packing import ROOMS, with_imports_inside
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -81,3 +85,22 @@ def test_the_wheel_puts_nothing_beside_gruber_and_runs_alone__law(tmp_path):
     ).stdout.splitlines()  # fmt: skip
     assert said[-2] == "[]"
     assert Path(said[-1]).is_relative_to(tmp_path / "installed")
+
+
+def test_the_image_is_made_of_what_the_wheel_needs_and_asks_what_is_understood__law():
+    recipe = (REPOSITORY / "Dockerfile").read_text()
+    copied = {
+        word for line in re.findall(r"(?m)^COPY (?!--)(.+) \S+$", recipe) for word in line.split()
+    }
+    assert {*ROOMS, "gruber", "pyproject.toml", "README.md", "LICENSE"} <= copied
+    let_in = {
+        line[1:]
+        for line in (REPOSITORY / ".dockerignore").read_text().splitlines()
+        if line[0] == "!"
+    }
+    assert let_in == copied
+    asked = [json.loads(found) for found in re.findall(r"(?m)^CMD (\[.+\])$", recipe)]
+    services = yaml.safe_load((REPOSITORY / "compose.yaml").read_text())["services"].values()
+    asked += [one["command"] for one in services if "command" in one and "entrypoint" not in one]
+    verbs = {parser().parse_args(words).verb for words in asked}
+    assert verbs == {"review", "batch"}

@@ -58,7 +58,10 @@ class Cluster:
         """All three; back once the scheduler answers."""
         told = self.folder / "scheduler.json"
         told.unlink(missing_ok=True)
-        self.scheduler = self._member("scheduler", "--port", 0, "--scheduler-file", told)
+        listed = ("--scheduler-file", told)
+        self.scheduler = self._member(
+            "scheduler", "--port", 0, "--dashboard-address", ":0", *listed
+        )
         while not self.address:
             assert self.scheduler.poll() is None, (self.folder / "members.log").read_text()
             time.sleep(0.1)
