@@ -183,6 +183,14 @@ def add_check(verb: Parser) -> None:
     add_operator(verb)
 
 
+def add_change(verb: Parser) -> None:
+    """Arguments of `change`."""
+    several = "blocks over one place, each with scans of a year of its own"
+    verb.add_argument("blocks", type=Path, nargs="+", metavar="BLOCK", help=several)
+    folder = "folder that is written (%(default)s)"
+    verb.add_option("--out FOLDER", folder, type=Path, default=Path("gruber-change"))
+
+
 def add_teach(verb: Parser) -> None:
     """Arguments of `teach`; `--block` is an earlier form, which is understood and not told."""
     where = (
@@ -437,6 +445,15 @@ VERBS = {
             "gruber check neighbours archive": "photos, points and ground that blocks share",
         },
         add_check,
+    ),
+    "change": Verb(
+        "change:change",
+        "compare blocks of several years: what was raised or lowered, where the picture differs",
+        {
+            "gruber change 1938 1953 1984": "each year with the one before",
+            "gruber change 1938 1953 --out since-the-war": "another folder",
+        },
+        add_change,
     ),
     "teach": Verb(
         "teach:teach",

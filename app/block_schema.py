@@ -177,6 +177,8 @@ REFERENCE = (
     Key("other", "tables"),
 )
 OTHER = (
+    Key("block", "text"),
+    Key("surface", "flag", False),
     Key("ortho", "rasters", []),
     Key("dem", "rasters", []),
     Key("year", "number", unit=YEARS),

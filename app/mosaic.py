@@ -16,6 +16,7 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj import CRS
 from shapely.geometry.base import BaseGeometry
 
+from app.epochs import MOSAIC
 from app.orthos import read_area
 from app.project import Project
 from app.surface import chosen_ground
@@ -52,7 +53,7 @@ from sessions.products import Products
 from sessions.seam_decisions import standing_seam_edits
 from sessions.session import Session
 
-FILE, SEAMS = "mosaic.tif", "seams.gpkg"
+SEAMS = "seams.gpkg"
 TILES = "mosaic-tiles"
 """Product that keeps the digests of the tiles of the file that is there."""
 SEAMS_DRAWN = "seams-drawn"
@@ -94,7 +95,7 @@ def make_mosaic(
         ReferenceDataError: Seams were edited so that they cannot be used, or a layer is damaged.
     """
     products = session.products
-    target, seams = session.results / FILE, session.results / SEAMS
+    target, seams = session.results / MOSAIC, session.results / SEAMS
     options = MosaicOptions(balance=project.ortho.balance, area=read_area(project))
     edited = _edited(session, seams)
     hand = ByHand(standing_seam_edits(session.decisions()))

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from app.epochs import origin_files
 from app.misfit import block_errors
 from app.project import Project
 from app.surface import CLASSES
@@ -14,7 +15,6 @@ from sessions.atomic_write import whole_file
 from sessions.session import Session
 
 PRODUCT = "origin"
-PHOTO, SIGMA, GROUND = "origin_photo.tif", "origin_sigma.tif", "origin_ground.tif"
 
 
 def make_origin(
@@ -39,7 +39,7 @@ def make_origin(
         anew: Write them again.
     """
     products, results = session.products, session.results
-    files = OriginFiles(results / PHOTO, results / SIGMA, results / GROUND)
+    files = origin_files(results)
     dates = {name: project.taken.get(name, "") for name in sorted(report.block.photos)}
     classes: Path | None = results / CLASSES
     if project.ortho.ground == "dem" or not (results / CLASSES).is_file():

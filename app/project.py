@@ -198,13 +198,23 @@ def project_of(document: Document, *, brought: bool = False) -> Project:
         read_block(document),
         cameras,
         scans,
-        read_reference(document, brought or may_have_points(document), dated),
+        read_reference(document, brought or may_have_points(document), dated, years_of),
         _control(document),
         ortho,
         adjustment,
         surface_options(document),
         sheets_section(document),
     )
+
+
+def years_of(document: Document) -> tuple[int, ...]:
+    """Years in which the scans of a `block.toml` were taken, of those that have a date.
+
+    Raises:
+        ProjectError: Its scans are not as it says.
+    """
+    listed = _scans(document, _cameras(document)).listed
+    return tuple(int(scan.taken[:4]) for scan in listed if scan.taken)
 
 
 def _cameras(document: Document) -> dict[str, Camera]:

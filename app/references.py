@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from app.block_schema import missing_reference
-from app.block_toml import Document, Table
+from app.block_toml import FILE, Document, Table
+from app.epochs import YearsOf, named_epoch
 from core.adjustment.adjusted import AdjustmentReport
 from core.block import USED
 from core.matching.reference import (
@@ -19,7 +20,7 @@ from core.matching.reference import (
     count_by_layer,
 )
 from core.raster.dem import open_dem
-from core.raster.ortho import open_ortho
+from core.raster.ortho import Ortho, open_ortho
 from core.said import say
 
 
@@ -42,8 +43,7 @@ class DatedReference:
         """What the report calls it: path from a folder to its file or files; its year."""
         files = self.ortho or self.dem
         file = files[0] if len(files) == 1 else files[0].parent
-        told = Path(os.path.relpath(file, folder)).as_posix()
-        return told if self.year is None else f"{told} ({self.year})"
+        return named(file, folder, self.year)
 
     def sigmas_m(self, crs: str) -> tuple[float, float]:
         """Standard deviations of ortho and heights, metres: as stated, else by their pixels.
@@ -67,6 +67,14 @@ class OtherReference(DatedReference):
 
     ties: bool = False
     """Whether photos are tied to it as well, where it is nearer in time or alone."""
+    block: Path | None = None
+    """The folder of the block whose mosaic is the ortho; None where files are named."""
+
+    def name(self, folder: Path) -> str:
+        """What the report calls it: path from a folder to the block or the files; its year."""
+        if self.block is None:
+            return DatedReference.name(self, folder)
+        return named(self.block, folder, self.year)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +91,11 @@ class ReferenceSection(DatedReference):
     """Polygons within which nothing is matched."""
     other: tuple[OtherReference, ...] = ()
     """Further references."""
+
+    def years(self, crs: str) -> tuple[tuple[int, Ortho], ...]:
+        """Orthos of other years, in their order, opened in a CRS."""
+        dated = [(one.year, one.ortho) for one in self.other if one.ortho and one.year is not None]
+        return tuple((year, open_ortho(files, crs)) for year, files in sorted(dated))
 
     def layers(self, crs: str, taken: Collection[str], folder: Path) -> Iterator[ReferenceLayer]:
         """What photos are tied to, nearest in time first; nothing where it is this one alone.
@@ -103,13 +116,22 @@ class ReferenceSection(DatedReference):
             yield ReferenceLayer(one.name(folder), one.ortho, one.dem, *one.sigmas_m(crs))
 
 
-def read_reference(document: Document, brought: bool, dated: bool) -> ReferenceSection:
+def named(path: Path, folder: Path, year: int | None) -> str:
+    """A path as seen from a folder, with its year."""
+    told = Path(os.path.relpath(path, folder)).as_posix()
+    return told if year is None else f"{told} ({year})"
+
+
+def read_reference(
+    document: Document, brought: bool, dated: bool, years_of: YearsOf
+) -> ReferenceSection:
     """The section with its further references.
 
     Args:
         document: The `block.toml`.
         brought: Whether points were brought into the block, which may tell where it lies.
         dated: Whether a scan has a day of exposure.
+        years_of: Tells the years of another block that is named.
 
     Raises:
         ProjectError: Something in it cannot be used.
@@ -126,8 +148,9 @@ def read_reference(document: Document, brought: bool, dated: bool) -> ReferenceS
                 "orientations ([scans] exterior)."
             )
         raise table.error(needed, cause, remedy)
-    others = tuple(_other(one) for one in document.tables("reference.other") if one.values)
-    first = next((one for one in document.tables("reference.other") if _ties(one)), None)
+    tables = [one for one in document.tables("reference.other") if one.values]
+    others = tuple(_other(one, years_of) for one in tables)
+    first = next((one for one in tables if one.flag("ties")), None)
     if first is not None and not table.has("ortho"):
         cause = say("[reference] itself names no ortho.")
         raise first.error("ties", cause, "Name this one in [reference] itself.")
@@ -157,19 +180,47 @@ def tied_to(files: ReferenceFiles, report: AdjustmentReport) -> dict[ReferenceLa
     return count_by_layer(files, np.array(places).reshape(-1, 2))
 
 
-def _ties(table: Table) -> bool:
-    return table.has("ties") and table.flag("ties")
-
-
-def _other(table: Table) -> OtherReference:
+def _other(table: Table, years_of: YearsOf) -> OtherReference:
+    if table.has("block"):
+        return _other_block(table, years_of)
     ortho, dem, year, ortho_m, dem_m = _dated(table)
     if not ortho and not dem:
         cause = "names neither an ortho nor heights."
         raise table.error("ortho", cause, "Name one of them, or take the table away.")
-    if _ties(table) and year is None:
+    if table.flag("surface"):
+        raise table.error("surface", "no block is named.", "Add block, or name heights in dem.")
+    _check_year(table, year)
+    return OtherReference(ortho, dem, year, ortho_m, dem_m, table.flag("ties"))
+
+
+def _other_block(table: Table, years_of: YearsOf) -> OtherReference:
+    """Mosaic and surface of another block; what the table states goes before what it predicts."""
+    for key in ("ortho", "dem") if table.flag("surface") else ("ortho",):
+        if table.has(key):
+            raise table.error(key, "the block is to give it.", "Name one of the two.")
+    _, dem, year, ortho_m, dem_m = _dated(table)
+    epoch = named_epoch(table, table.flag("ties"))
+    if year is None:
+        years = years_of(Document(epoch.folder / FILE))
+        year = round(float(np.median(years))) if years else None
+    _check_year(table, year)
+    if table.flag("surface"):
+        if not epoch.has_surface:
+            cause = say("{folder} has no surface.", folder=epoch.folder)
+            command = f"gruber run {epoch.folder} --until surface"
+            raise table.error("surface", cause, say("Make one: {command}", command=command))
+        dem = (epoch.surface.surface,)
+        dem_m = epoch.surface_sigma_m() if dem_m is None else dem_m
+    ortho_m = epoch.mosaic_sigma_m() if ortho_m is None else ortho_m
+    return OtherReference(
+        (epoch.mosaic,), dem, year, ortho_m, dem_m, table.flag("ties"), epoch.folder
+    )
+
+
+def _check_year(table: Table, year: int | None) -> None:
+    if table.flag("ties") and year is None:
         cause = say("it has no year, so nobody knows which reference is nearest in time.")
         raise table.error("ties", cause, "Add year, or leave ties out.")
-    return OtherReference(ortho, dem, year, ortho_m, dem_m, _ties(table))
 
 
 def _dated(

@@ -343,7 +343,7 @@ class Run:
         for note in mosaic.notes:
             if note not in self.told:
                 self.voice.say(note)
-        return str(self.session.results / "mosaic.tif")
+        return str(mosaic.path)
 
     def cut(self, progress: Progress) -> str:
         """The map sheets of the mosaic."""
@@ -408,7 +408,7 @@ class Run:
             set_aside=self.results.set_aside,
             reference_sigma_m=(files.ortho_sigma_m, files.dem_sigma_m) if files.ortho else None,
             reliability=self.assembly.reliability,
-            mosaic=self.session.results / "mosaic.tif",
+            mosaic=mosaic.path,
             ortho=open_ortho(files.ortho, files.crs) if files.ortho else None,
             seams=mosaic.seams,
             seam_fits=fits,

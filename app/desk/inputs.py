@@ -162,6 +162,8 @@ class DeskInputs:
     """Addresses that need the block's folder: exports."""
     has_ortho: bool = True
     """Whether the block has a reference ortho."""
+    years: tuple[tuple[int, OrthoSource], ...] = ()
+    """Orthos and mosaics of other years, in their order."""
     results: Path | None = None
     """Folder of tables and report, to be read and taken away from the desk."""
     placing: Placeable | None = None
@@ -249,9 +251,8 @@ def desk_inputs(
     if assembly is None or placed is None:
         remedy = say("Run it first: gruber run {folder}", folder=project.folder)
         raise ProjectError(project.file, "the block has no control points to review yet.", remedy)
-    scans = ScanFiles(project.folder)
-    files, block = given.reference, assembly.report.block.with_fixed_origin()
-    reference = open_reference(files, placed.block.search_bounds, level_of(block))
+    scans, block = ScanFiles(project.folder), assembly.report.block.with_fixed_origin()
+    reference = open_reference(given.reference, placed.block.search_bounds, level_of(block))
     initial = initial_state_of(given, session, placed)
     opened = photographs(scans, initial)
     compared = Comparing(reference, given.control.orientation, opened)
@@ -265,6 +266,7 @@ def desk_inputs(
         session=session,
         ortho=reference.ortho,
         has_ortho=reference.ortho.is_there,
+        years=project.reference.years(block.crs),
         dem=reference.dem,
         read_scan=scans,
         adjust=adjusting,

@@ -11,6 +11,7 @@ import numpy as np
 from aiohttp import web
 
 from app.desk.watched_job import WatchedJob
+from app.epochs import MOSAIC
 from app.misfit import known_places
 from app.mosaic import SEAMS_DRAWN, kept_orthos
 from app.project import read_project
@@ -45,7 +46,7 @@ class MosaicFile:
 
     def __init__(self, session: Session, crs: str) -> None:
         self._session, self._crs = session, crs
-        self._path = session.results / "mosaic.tif"
+        self._path = session.results / MOSAIC
         self._opened: tuple[int, Ortho, Stretch | None] | None = None
         self._editions: dict[int, ShownMosaic] = {}
 
@@ -116,7 +117,7 @@ class SheetMaker:
                 mosaic: MosaicProduct | None = session.products.latest_value("mosaic")
                 if mosaic is None or not mosaic.path.is_file():
                     raise ProjectError(
-                        project.folder / RESULTS / "mosaic.tif",
+                        project.folder / RESULTS / MOSAIC,
                         "there is no mosaic to cut yet.",
                         "Make the orthos and the mosaic first.",
                     )

@@ -126,8 +126,8 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
               partial(_draped, coarse, desk, bounds))  # fmt: skip
     illustrator = _Illustrator(coarse, drapes, drawn)
     read, alike, mosaic = desk.read_scan, desk.likeness, desk.mosaic or no_tiles
-    sources = Sources(coarse, desk.dem, read, lattice, alike, illustrator.ready, mosaic)
-    tiles = TileStore(sources)
+    years, ready = tuple(ortho for _, ortho in desk.years), illustrator.ready
+    tiles = TileStore(Sources(coarse, desk.dem, read, lattice, alike, ready, mosaic, years))
     inbox: queue.SimpleQueue[Event] = queue.SimpleQueue()
     access = Access(desk.host, desk.token or secrets.token_urlsafe(24), desk.looking)
 
@@ -334,6 +334,7 @@ def _start(desk: DeskInputs, lattice: Lattice) -> dict[str, Any]:
         "free": [] if desk.choose is None else [desk.free[0], True],
         "fill": desk.fill is not None,
         "ortho": desk.has_ortho,
+        "years": [year for year, _ in desk.years],
         "placeable": desk.placing is not None,
         "looking": desk.looking,
         # Nothing but the scans says how far to go in where there is no ortho.

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from app.batch import run_block
+from app.epochs import Epoch
 from app.terminal import Voice
 from app.verbs.review import review
 from app.verbs.run import run_options
@@ -77,9 +78,7 @@ def truth_lines(folder: Path, report: AdjustmentReport) -> list[str]:
     truth = read_truth(folder)
     control = judge_control(truth, report.block)
     photos = judge_orientations(truth, report.block)
-    mosaic = compare_orthos(
-        folder / "results" / "mosaic.tif", folder / "truth" / "archival_ortho.tif"
-    )
+    mosaic = compare_orthos(Epoch(folder).mosaic, folder / "truth" / "archival_ortho.tif")
     oriented = sum(photo.oriented for photo in report.block.photos.values())
     ground = float(np.sqrt(np.mean(np.square(photos.ground_m))))
     return [

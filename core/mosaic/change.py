@@ -17,6 +17,7 @@ from affine import Affine
 from jaxtyping import Float32, Int8
 from numpy.lib.stride_tricks import as_strided
 from shapely.geometry import shape
+from shapely.geometry.base import BaseGeometry
 
 from core.arrays import Mask
 from core.formats.vectors import write_polygons
@@ -24,7 +25,7 @@ from core.geometry.crs import Bounds
 from core.matching.global_search import AngleField, angle_field
 from core.matching.patches import filled
 from core.progress import SILENT, Progress
-from core.raster.grid import Grid
+from core.raster.grid import RASTERIZING, Grid
 from core.raster.ortho import Ortho
 
 # design: names of the states
@@ -234,16 +235,22 @@ def _judge_cells(
     return ChangeMap(grid, state, seen, chance)
 
 
+def areas_of(change: ChangeMap, state: int) -> list[BaseGeometry]:
+    """Connected cells of one state that both show, along their edges."""
+    transform = Affine.from_gdal(*change.grid.geotransform)
+    mask = change.seen & (change.state == state)
+    with RASTERIZING:
+        found = rasterio.features.shapes(mask.astype(np.uint8), mask=mask, transform=transform)
+        return [shape(outline) for outline, _ in found]
+
+
 def write_change(change: ChangeMap, path: Path, crs: str) -> None:
     """Write a GeoPackage with the layers `different` and `same`, polygons with their area.
 
     Raises:
         OSError: The disk is full.
     """
-    transform = Affine.from_gdal(*change.grid.geotransform)
     for number, (layer, value) in enumerate(LAYERS.items()):
-        mask = change.seen & (change.state == value)
-        found = rasterio.features.shapes(mask.astype(np.uint8), mask=mask, transform=transform)
-        areas = [shape(outline) for outline, _ in found]
+        areas = areas_of(change, value)
         sizes = np.array([area.area for area in areas], dtype=np.float64)
         write_polygons(path, layer, areas, {"area_m2": sizes}, crs=crs, append=number > 0)

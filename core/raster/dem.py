@@ -163,7 +163,7 @@ class Dem:
             kernel: `linear`, or `cubic` for a surface without kinks, as for hill shading.
         """
         if grid.ground_sample_distance_m > 2 * self.ground_sample_distance_m or kernel == "cubic":
-            heights = self._resampled(grid, kernel).astype(np.float64)
+            heights = self.measured_on(grid, kernel).astype(np.float64)
             return np.where(self._inside(grid), heights, np.nan)
         window = self.window or self._read(self.grid.covering(grid.bounds, RIM_PX))
         east, north = grid.centres()
@@ -174,6 +174,18 @@ class Dem:
         lines = _mix(window.heights[rows[0]], window.heights[rows[1]], rows[2][:, None])
         heights = _mix(lines[:, columns[0]], lines[:, columns[1]], columns[2])
         return np.where(self._inside(grid), heights, np.nan)
+
+    def measured_on(
+        self, grid: Grid, kernel: Kernel = "linear"
+    ) -> Float32[np.ndarray, "rows columns"]:
+        """Heights on a grid, metres; NaN where the files have none, however small the gap."""
+        sampled = read_onto(self.sheets, grid, ReadOptions("heights", kernel, EXACT_TO))
+        # design: rounding of pixel sizes
+        coarse = grid.ground_sample_distance_m > self.ground_sample_distance_m * (1 + 1e-9)
+        # On the files' own pixels each is known or not, give or take the sum of the weights.
+        # design: the sum of a thousand single-precision weights rounds by less
+        least = LEAST_SHARE if coarse or kernel == "cubic" else 1 - 1e-4
+        return np.where(sampled.coverage >= least, sampled.values[0], np.float32(np.nan))
 
     def mean_height(self, bounds: Bounds | None = None) -> float:
         """Mean of the heights within bounds, metres; NaN where the DEM has none there."""
@@ -220,7 +232,7 @@ class Dem:
     def _read(self, part: Grid) -> HeightWindow:
         """The pixels of a part of the DEM's own grid, small gaps closed."""
         wide = self.grid.covering(part.bounds, MARGIN_PX)
-        heights = self._resampled(wide, "linear")
+        heights = self.measured_on(wide, "linear")
         gaps = small_gaps(heights)
         heights = fill_gaps(heights, gaps)
         corner = wide.grid_from_object(np.array([[part.west, part.north]]))[0]
@@ -229,16 +241,6 @@ class Dem:
         return HeightWindow(
             part, locked(heights[down, across], np.float32), locked(gaps[down, across], bool)
         )
-
-    def _resampled(self, grid: Grid, kernel: Kernel) -> Float32[np.ndarray, "rows columns"]:
-        """The files on a grid, gaps left open."""
-        sampled = read_onto(self.sheets, grid, ReadOptions("heights", kernel, EXACT_TO))
-        # design: rounding of pixel sizes
-        coarse = grid.ground_sample_distance_m > self.ground_sample_distance_m * (1 + 1e-9)
-        # On the files' own pixels each is known or not, give or take the sum of the weights.
-        # design: the sum of a thousand single-precision weights rounds by less
-        least = LEAST_SHARE if coarse or kernel == "cubic" else 1 - 1e-4
-        return np.where(sampled.coverage >= least, sampled.values[0], np.float32(np.nan))
 
     def _inside(self, grid: Grid) -> Bool[np.ndarray, "rows columns"]:
         """Which pixels of a grid lie within the bounds, of what is held in memory if it is."""

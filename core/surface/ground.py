@@ -52,6 +52,13 @@ class SystematicPart:
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients", locked(self.coefficients))
 
+    @property
+    def size_m(self) -> float:
+        """Root mean square of it over a square of the longer side, metres."""
+        x, y = np.meshgrid(*[np.linspace(-1, 1, 9)] * 2)  # design: exact to a hundredth
+        a, b, c, d = self.coefficients.tolist()
+        return float(np.sqrt(np.mean((a + b * x + c * y + d * (x**2 + y**2)) ** 2)))
+
     def at(self, plan: Float64[np.ndarray, "n 2"]) -> Scalars:
         """Of places, easting and northing, metres."""
         return _design(plan, self.bounds) @ self.coefficients
@@ -84,6 +91,8 @@ NEAR_CELLS, FAR_CELLS = 1.5, 6.0
 # design: less says nothing of the middle.
 LEAST_KNOWN = 0.05
 """Share of a bell with heights that bridges a hole."""
+MEDIAN_CELLS = 5  # source: OpenCV, the largest of floats
+"""Side of the window of the median that differences are smoothed by, cells."""
 # design: two dozen cells fix a scatter to a seventh.
 AROUND = (5, 5)
 """Cells that roughness is taken over."""
@@ -191,8 +200,8 @@ def choose_ground(
     Raises:
         OSError: The disk is full.
     """
-    away, grid, crs = _read_coarser(difference)
-    sigmas, _, _ = _read_coarser(sigma)
+    away, grid, crs = read_coarser(difference)
+    sigmas, _, _ = read_coarser(sigma)
     known = np.isfinite(away) & np.isfinite(sigmas)
     away[~known] = np.nan
     if kind == "surface":
@@ -208,7 +217,7 @@ def choose_ground(
 
 def read_ground(corrections: Path, dem: HeightSource) -> CorrectedHeights:
     """The chosen ground as heights."""
-    values, grid, _ = _read_coarser(corrections)
+    values, grid, _ = read_coarser(corrections)
     return CorrectedHeights(dem, grid, np.nan_to_num(values, nan=0.0))
 
 
@@ -229,7 +238,7 @@ def _choose(
     away: Picture, sigmas: Picture, known: Mask, dem_sigma_m: float, cell_m: float
 ) -> tuple[Picture, UInt8[np.ndarray, "rows columns"]]:
     """Corrections and classes where the DEM holds unless connected ground has changed."""
-    smooth = np.asarray(cv2.medianBlur(bridged(away), 5))  # source: OpenCV, the largest of floats
+    smooth = np.asarray(cv2.medianBlur(bridged(away), MEDIAN_CELLS))
     limit = LIMIT * np.hypot(np.where(known, sigmas, 0), dem_sigma_m)
     agrees = known & (np.abs(smooth) <= limit)
     ground = _without_objects(smooth, agrees, cell_m)
@@ -311,13 +320,17 @@ def _disc(radius: int) -> UInt8[np.ndarray, "side side"]:
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
 
 
-def _read_coarser(path: Path) -> tuple[Picture, Grid, str]:
-    """A raster in cells that are few enough for memory, NaN where nothing is known."""
+def read_coarser(path: Path, band: int = 1) -> tuple[Picture, Grid, str]:
+    """A raster in cells that are few enough for memory, NaN where nothing is known.
+
+    Returns:
+        Values, their cells, and the CRS as WKT.
+    """
     with rasterio.open(path) as file:
         step = -(-max(file.width, file.height) // MOST_CELLS)
         columns, rows = max(file.width // step, 1), max(file.height // step, 1)
         values: Any = file.read(
-            1,
+            band,
             window=((0, min(rows * step, file.height)), (0, min(columns * step, file.width))),
             out_shape=(rows, columns),
             resampling=Resampling.average,

@@ -74,6 +74,8 @@ MOST_COARSE = 4096
 """Cells along the longer side of the coarse surface at most."""
 # design: shares of the bar on the screen; nothing is computed from them.
 COARSE_SHARE, FINE_SHARE = 0.2, 0.95
+TREND_TAG = "TREND"
+"""Tag of the difference that holds the systematic part."""
 TREND_IS = "a b c d of a + b x + c y + d (x2 + y2), metres; x and y -1 to 1 along the longer side"
 # design: some hundred thousand cells fix four coefficients.
 TREND_CELLS = 400
@@ -347,9 +349,8 @@ def _compare(
             rasterio.open(files.hillshade, "w", **_profile(grid, crs, "uint8", 0)) as relief,
         ):
             _name(difference, "surface minus DEM, less a trend", "metre")
-            difference.update_tags(
-                TREND=" ".join(f"{v:.4f}" for v in trend.coefficients), TREND_IS=TREND_IS
-            )
+            told = " ".join(f"{v:.4f}" for v in trend.coefficients)
+            difference.update_tags(**{TREND_TAG: told}, TREND_IS=TREND_IS)
             tiles = list(tiles_of(grid, BLOCK_PX))
             for done, tile in enumerate(tiles, start=1):
                 heights = _read_heights(surface, tile)

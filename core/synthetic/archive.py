@@ -1,5 +1,6 @@
 """Writes a synthetic block as the folder a user's archive would be, with the truth beside it."""
 
+import shutil
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -17,7 +18,7 @@ from core.raster.grid import Grid
 from core.synthetic.film import draw_margin, draw_scars, make_scan
 from core.synthetic.flight import Exposure, Flight, make_flight
 from core.synthetic.landscape import Landscape, make_landscape
-from core.synthetic.options import CRS, Scale, SyntheticOptions, seeded
+from core.synthetic.options import CRS, PRESENT_YEAR, Scale, SyntheticOptions, seeded
 from core.synthetic.painting import Ground, Picture, paint
 from core.synthetic.reference import (
     blur_ground,
@@ -30,8 +31,6 @@ from core.synthetic.reference import (
 )
 from core.synthetic.truth import write_truth
 
-PRESENT_YEAR = 2022
-
 
 def make_block(
     folder: Path, options: SyntheticOptions | None = None, progress: Progress | None = None
@@ -43,14 +42,42 @@ def make_block(
         options: What is wanted.
         progress: Told how far the work is, and asked whether to stop.
     """
-    options, progress = options or SyntheticOptions(), progress or Silent()
-    scale = options.scale
+    options = options or SyntheticOptions()
     flight = make_flight(options)
     landscape = make_landscape(options, flight.terrain, flight.bounds)
+    write_block(folder, flight, landscape, options, progress)
+
+
+def write_block(
+    folder: Path,
+    flight: Flight,
+    landscape: Landscape,
+    options: SyntheticOptions,
+    progress: Progress | None = None,
+    *,
+    present: Path | None = None,
+) -> None:
+    """Write the folder of a block.
+
+    Args:
+        folder: Where to write; made if it is not there.
+        flight: The flight.
+        landscape: The place.
+        options: What film, georeference and sizes are.
+        progress: Told how far the work is, and asked whether to stop.
+        present: Folder of another block over the same place, whose reference is taken; None paints
+            the present.
+    """
+    progress, scale = progress or Silent(), options.scale
     grid = Grid.over(flight.bounds, scale.texture_m)
     folder.mkdir(parents=True, exist_ok=True)
     progress.report(0.0, 100.0, "the ground of today")
-    _write_present(folder, landscape, flight, grid, scale=scale)
+    if present is None:
+        _write_present(folder, landscape, flight, grid, scale=scale)
+    else:
+        for name in ("ortho", "roads"):
+            shutil.copytree(present / name, folder / name, dirs_exist_ok=True)
+        shutil.copy(present / "dem.tif", folder)
     progress.report(35.0, 100.0, "the ground of the archival epoch")
     ground = paint(landscape.scene(True, grid), grid)
     write_truth_ortho(folder / "truth" / "archival_ortho.tif", ground, scale.ortho_m[0])
@@ -72,7 +99,7 @@ def _write_present(
     write_sheets(folder / "ortho", ground, scene, scale.ortho_m, year=PRESENT_YEAR)
     seed = landscape.options.seed
     write_roads(folder / "roads", landscape.network, seed)
-    write_dem(folder / "dem.tif", flight.terrain, flight.bounds, scale.dem_m, seed)
+    write_dem(folder / "dem.tif", landscape.terrain, flight.bounds, scale.dem_m, seed)
 
 
 def _write_scans(

@@ -12,12 +12,13 @@ from core.geometry.camera import Camera
 from core.synthetic.flight import Exposure
 from core.synthetic.options import FilmOptions, seeded
 from core.synthetic.painting import Ground
-from core.synthetic.random_surfaces import Terrain, fractal, stretched_band, white
+from core.synthetic.random_surfaces import LATTICE_M, Terrain, fractal, stretched_band, white
 
 Field = Float32[np.ndarray, "_ _"]
 Picture = UInt8[np.ndarray, "_ _"]
-NODE_PX = 8
-"""Distance of the nodes at which rays are followed to the ground; between them cubic."""
+NODE_PX, FINE_NODE_PX = 8, 4
+"""Distance of the nodes at which rays are followed to the ground; between them cubic. The finer
+one is for ground with something on it."""
 BAND = 512
 """Rows developed at a time."""
 FILM_MM = 191.0
@@ -42,11 +43,13 @@ class PixelMaps:
     """Row of the ground raster at the nodes."""
     size_px: tuple[int, int]
     """Columns and rows of the scan."""
+    node_px: int = NODE_PX
+    """Distance of the nodes."""
 
     def band(self, first: int, last: int) -> tuple[Field, Field]:
         """Both coordinates for all pixels of the scan's rows first to last - 1."""
-        down = _between(first, last, self.columns.shape[0])
-        right = _between(0, self.size_px[0], self.columns.shape[1])
+        down = _between(first, last, self.columns.shape[0], self.node_px)
+        right = _between(0, self.size_px[0], self.columns.shape[1], self.node_px)
         columns = np.asarray((right @ (down @ self.columns).T).T, dtype=np.float32)
         rows = np.asarray((right @ (down @ self.rows).T).T, dtype=np.float32)
         return np.ascontiguousarray(columns), np.ascontiguousarray(rows)
@@ -88,8 +91,9 @@ def make_scan(
 def pixel_maps(ground: Ground, terrain: Terrain, exposure: Exposure, camera: Camera) -> PixelMaps:
     """Follow the rays of the nodes through lens and air down to the terrain."""
     columns, rows = exposure.size_px
-    across = (np.arange(-(-columns // NODE_PX) + 4) - 1.5) * NODE_PX
-    down = (np.arange(-(-rows // NODE_PX) + 4) - 1.5) * NODE_PX
+    node = NODE_PX if terrain.grid.ground_sample_distance_m >= LATTICE_M else FINE_NODE_PX
+    across = (np.arange(-(-columns // node) + 4) - 1.5) * node
+    down = (np.arange(-(-rows // node) + 4) - 1.5) * node
     column, row = np.meshgrid(across, down)
     pixels = np.column_stack([column.ravel(), row.ravel()])
     places = exposure.ground_from_pixel(pixels, terrain, camera)
@@ -98,13 +102,14 @@ def pixel_maps(ground: Ground, terrain: Terrain, exposure: Exposure, camera: Cam
         seen[:, 0].reshape(column.shape).astype(np.float32),
         seen[:, 1].reshape(column.shape).astype(np.float32),
         exposure.size_px,
+        node,
     )
 
 
-def _between(first: int, last: int, nodes: int) -> csr_matrix:
+def _between(first: int, last: int, nodes: int, node_px: int) -> csr_matrix:
     """Cubic convolution weights (Keys, a = -1/2: exact for parabolas) of pixels on nodes."""
-    # The centre of pixel i is i + 0.5; node k lies at (k - 1.5) NODE_PX.
-    place = (np.arange(first, last) + 0.5) / NODE_PX + 1.5
+    # The centre of pixel i is i + 0.5; node k lies at (k - 1.5) node_px.
+    place = (np.arange(first, last) + 0.5) / node_px + 1.5
     place = np.clip(place, 1.0, nodes - 2.001)
     base = np.floor(place).astype(np.int64)
     t = place - base

@@ -93,11 +93,12 @@ class Flight:
     """What the photos can show of it, west, south, east, north, metres."""
 
 
-def make_flight(options: SyntheticOptions) -> Flight:
+def make_flight(options: SyntheticOptions, place: int | None = None) -> Flight:
     """A flight of strips in alternate directions over a terrain.
 
     Args:
         options: What is wanted: size, epoch, relief, seed, strips and photos.
+        place: Seed of the place; None: that of the options.
 
     Returns:
         The flight with the terrain it was flown over.
@@ -105,11 +106,12 @@ def make_flight(options: SyntheticOptions) -> Flight:
     scale = options.scale
     camera, nominal = _cameras(options)
     side = FRAME_MM * 1000.0 / scale.scan_pixel_um * scale.scan_ground_m
-    middle = _middle(options.seed)
+    place = options.seed if place is None else place
+    middle = _middle(place)
     half = max((options.photos_per_strip - 1) * FORWARD, (options.strips - 1) * SIDE) / 2
     reach = (1.5 + half) * side + 500.0
     box = (middle[0] - reach, middle[1] - reach, middle[0] + reach, middle[1] + reach)
-    terrain = make_terrain(box, options.relief_m, seeded(options.seed, "terrain"))
+    terrain = make_terrain(box, options.relief_m, seeded(place, "terrain"))
     exposures = _exposures(options, scale, camera, terrain, place=(side, *middle))
     return Flight(camera, nominal, exposures, terrain, _seen(exposures, camera, terrain))
 

@@ -53,7 +53,14 @@ class Tract:
 
 
 def make_tracts(
-    network: Network, past: bool, change: float, recency: float, *, seed: int
+    network: Network,
+    past: bool,
+    change: float,
+    recency: float,
+    *,
+    seed: int,
+    season: object = None,
+    still: float | None = None,
 ) -> list[Tract]:
     """All tracts of one epoch; land whose bounds did not change keeps its tracts and strips.
 
@@ -63,6 +70,8 @@ def make_tracts(
         change: Share of the land that was parcelled anew although its roads stayed.
         recency: 0 where the old epoch lies before the consolidation of land, 1 where after it.
         seed: Seed of the block.
+        season: What crops go with; None: the epoch.
+        still: Share of the land that has not been parcelled anew yet; None: all that ever is.
 
     Returns:
         Tracts that cover all land enclosed by roads.
@@ -71,12 +80,14 @@ def make_tracts(
     for face in _faces(network, past):
         centre = np.array([[face.centroid.x, face.centroid.y]])
         key = f"{centre[0, 0]:.1f} {centre[0, 1]:.1f}"
-        stayed = seeded(seed, "stayed", key).random() > change
+        lot = seeded(seed, "stayed", key).random()
+        stayed = lot > change
+        old = past and (still is None or lot <= still)
         # Bounds and direction of unchanged land come from a generator without the epoch.
-        shape = seeded(seed, "tracts", key, "both" if stayed else past)
-        crops = seeded(seed, "crops", key, past)
+        shape = seeded(seed, "tracts", key, "both" if stayed else old)
+        crops = seeded(seed, "crops", key, past if season is None else season)
         consolidated = seeded(seed, "consolidated", key).random() < 0.75 * recency
-        small = (past or stayed) and not consolidated
+        small = (old or stayed) and not consolidated
         garden = float(network.village_distance(centre)[0]) < 40.0
         for piece in _halved(face, shape.uniform(2.5e4, 7e4) if small else 2.4e5, shape):
             tracts.append(_tract(piece, small, garden, past, shape=shape, crops=crops))
@@ -172,7 +183,9 @@ def _look(
     return float(rng.normal(mean, 12.0)), 1.0, float(rng.uniform(1.0, 1.9)), green
 
 
-def make_profiles(seed: int, texture_m: float) -> Float32[np.ndarray, "profiles steps"]:
+def make_profiles(
+    seed: int, texture_m: float, season: object = None
+) -> Float32[np.ndarray, "profiles steps"]:
     """Gray across the strips: row 2 k + past of kind k (strips, gardens, broad, plain).
 
     Strips and gardens have the same bounds in both epochs and other crops; furrows, ridges and
@@ -183,7 +196,7 @@ def make_profiles(seed: int, texture_m: float) -> Float32[np.ndarray, "profiles 
     for kind in (STRIPS, GARDENS, BROAD, PLAIN):
         for past in (False, True):
             shape = seeded(seed, "strips", kind)
-            crops = seeded(seed, "profile", kind, past)
+            crops = seeded(seed, "profile", kind, season if past and season else past)
             row = _furrows(crops, past, kind)
             if kind in widths:
                 row += _strips(*widths[kind], shape, crops)

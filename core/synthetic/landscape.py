@@ -1,11 +1,12 @@
 """One place in two epochs: terrain, roads, parcels, woods, houses, trees, and the sun over them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float32
 
 from core.raster.grid import Grid
+from core.synthetic.changes import Change, halls_in, soil_in, with_woods
 from core.synthetic.land_cover import (
     House,
     Tract,
@@ -16,7 +17,7 @@ from core.synthetic.land_cover import (
     make_trees,
 )
 from core.synthetic.network import Network, Road, make_network
-from core.synthetic.options import SyntheticOptions, seeded
+from core.synthetic.options import PRESENT_YEAR, SyntheticOptions, seeded
 from core.synthetic.random_surfaces import Bounds, Terrain, fractal, smooth_step
 
 Field = Float32[np.ndarray, "_ _"]
@@ -101,6 +102,8 @@ class Scene:
     """Single trees."""
     fields: SlowFields
     """Mottle, shade, woods."""
+    season: str = ""
+    """What the finest texture goes with besides the epoch."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,27 +118,45 @@ class Landscape:
     """Roads of both epochs and villages."""
     bounds: Bounds
     """Area the landscape covers, metres."""
+    year: int | None = None
+    """Which of several archival epochs it is; None where there is but one."""
+    changes: tuple[Change, ...] = ()
+    """What has changed between archival epochs."""
+    terrain_then: Terrain | None = None
+    """The ground of the archival epoch with what stands on it; None: as it is now."""
 
     def scene(self, past: bool, grid: Grid) -> Scene:
         """The land of one epoch over the grid that shall be painted."""
         seed, options = self.options.seed, self.options
-        tracts = make_tracts(self.network, past, options.parcel_change, options.recency, seed=seed)
+        year = (self.year or options.epoch) if past else PRESENT_YEAR
+        season = f"{past} {year}" if past and self.year is not None else None
+        tracts = make_tracts(
+            self.network,
+            past,
+            options.parcel_change,
+            options.recency,
+            seed=seed,
+            season=season,
+            still=None if season is None else replace(options, epoch=year).parcel_change,
+        )
+        tracts += soil_in(self.changes, year)
         then, now = make_houses(self.network, seed, options.recency)
         order = {"track": 0, "street": 1, "main": 2}
         roads = sorted(
             (road for road in self.network.roads if road.exists(past)), key=lambda r: order[r.kind]
         )
-        sun = _sun(past, seed)
+        sun = _sun(season or past, seed)
         return Scene(
             past,
             seed,
             sun,
             tracts,
-            make_profiles(seed, grid.ground_sample_distance_m),
+            make_profiles(seed, grid.ground_sample_distance_m, season),
             [(road, road_look(road, past, seed)) for road in roads],
-            then if past else now,
+            [*(then if past else now), *halls_in(self.changes, year)],
             make_trees(self.network, tracts, grid.bounds, past, seed=seed),
-            _slow_fields(self, past, grid, sun),
+            _slow_fields(self, past, grid, sun, (season or past, year)),
+            season or str(past),
         )
 
 
@@ -176,21 +197,25 @@ def road_look(road: Road, past: bool, seed: int) -> RoadLook:
     return RoadLook(float(width), float(tone), False, verge)
 
 
-def _sun(past: bool, seed: int) -> Sun:
-    rng = seeded(seed, "sun", past)
+def _sun(season: str | bool, seed: int) -> Sun:
+    """Higher in the morning then than now."""
+    past, rng = season is not False, seeded(seed, "sun", season)
     azimuth = rng.uniform(120.0, 165.0) if past else rng.uniform(150.0, 215.0)
     return Sun(float(np.radians(azimuth)), float(np.radians(rng.uniform(36.0, 56.0))))
 
 
-def _slow_fields(landscape: Landscape, past: bool, grid: Grid, sun: Sun) -> SlowFields:
+def _slow_fields(
+    landscape: Landscape, past: bool, grid: Grid, sun: Sun, season: tuple[str | bool, int]
+) -> SlowFields:
     gsd = grid.ground_sample_distance_m * COARSE
     rows, columns = -(-grid.rows // COARSE) + 2 * HALO, -(-grid.columns // COARSE) + 2 * HALO
     coarse = Grid(grid.west - HALO * gsd, grid.north + HALO * gsd, gsd, columns, rows)
     seed, shape = landscape.options.seed, (rows, columns)
-    epoch = fractal(shape, gsd, 2.0, 300.0, slope=0.18, rng=seeded(seed, "mottle", past))
+    epoch = fractal(shape, gsd, 2.0, 300.0, slope=0.18, rng=seeded(seed, "mottle", season[0]))
     soil = fractal(shape, gsd, 24.0, 500.0, slope=0.4, rng=seeded(seed, "soil"))
-    shade = _shade(landscape.terrain, coarse, sun)
-    wood = _wood(landscape, past, coarse)
+    then = landscape.terrain_then if past else None
+    shade = _shade(then or landscape.terrain, coarse, sun)
+    wood = with_woods(_wood(landscape, past, coarse), coarse, landscape.changes, season[1])
     reach = np.array(sun.shadow) * 13.0 / gsd
     shadow = np.roll(wood, (round(-reach[1]), round(reach[0])), (0, 1)) * (1 - wood)
     bend = 2.5 * fractal(shape, gsd, 120.0, 500.0, slope=0.6, rng=seeded(seed, "bend"))

@@ -8,6 +8,8 @@ import numpy as np
 
 CRS = "EPSG:5514"
 """S-JTSK, in which all synthetic places lie."""
+PRESENT_YEAR = 2022
+"""Year of the reference."""
 FINEST_M = 0.2  # design: memory; film seldom resolves more
 """No ground is painted finer, metres."""
 Size = Literal["tiny", "small", "full"]

@@ -85,7 +85,7 @@ class _Brush:
         column, row, columns, rows = window
         around = (column - MARGIN, row - MARGIN, columns + 2 * MARGIN, rows + 2 * MARGIN)
         part = self.grid.window(*around)
-        fine = white(self.scene.seed, f"fine {self.scene.past}", *around)
+        fine = white(self.scene.seed, f"fine {self.scene.season}", *around)
         land = self._land(part)
         land = self._woods(land, part, fine)
         picture = np.clip(land, 0, 255).astype(np.uint8)

@@ -9,7 +9,8 @@ import shapely
 from cv2 import erode
 
 from app.desk.inputs import desk_inputs, first_snapshot
-from app.origin import GROUND, PHOTO, SIGMA, make_origin
+from app.epochs import origin_files
+from app.origin import make_origin
 from app.project import described, read_project
 from core.formats.xml_files import read_xml
 from core.matching.reference import level_of, open_heights
@@ -31,8 +32,9 @@ def cells(path):
 
 def test_each_cell_has_the_photo_of_the_seams_and_the_sigma_of_the_desk__law(tiny_run):
     results, project = tiny_run.folder / "results", read_project(tiny_run.folder)
-    (shown,), east, north = cells(results / PHOTO)
-    rows = read_xml(results / f"{PHOTO}.aux.xml").iterfind(".//Row")
+    files = origin_files(results)
+    (shown,), east, north = cells(files.photo)
+    rows = read_xml(results / f"{files.photo.name}.aux.xml").iterfind(".//Row")
     told = [[field.text or "" for field in row] for row in rows]
     names = {int(number): name for number, name, _ in told}
     assert {name: date for _, name, date in told[1:]} == {
@@ -61,9 +63,9 @@ def test_each_cell_has_the_photo_of_the_seams_and_the_sigma_of_the_desk__law(tin
     assert all(edges.distance(shapely.Point(east[*p], north[*p])) < 1e-6 for p in differs)
     assert 2 < len(np.unique(shown)) <= 1 + len(tiny_run.names)
 
-    (ground,), _, _ = cells(results / GROUND)
+    (ground,), _, _ = cells(files.ground)
     assert np.array_equal(ground, np.where(shown > 0, Ground.DEM, Ground.NONE))
-    sigmas, _, _ = cells(results / SIGMA)
+    sigmas, _, _ = cells(files.sigma)
     assert np.array_equal(sigmas[0] == NODATA_M, shown == 0)
     rng = np.random.default_rng(9218)
     # Away from the rim, where seams reach up to a cell beyond the picture.
@@ -93,7 +95,7 @@ def test_nothing_of_it_is_made_twice__law(tiny_run):
         first = stamps()
         assert first == stamps()
         content = {path: path.read_bytes() for path in first}
-        (session.results / GROUND).unlink()
+        origin_files(session.results).ground.unlink()
         again = stamps()
         assert again.keys() == first.keys()
         assert all(again[path] > first[path] for path in first)

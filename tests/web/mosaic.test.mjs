@@ -6,7 +6,8 @@ import {
   editKey, editState, gripCorner, putCorner, setUpEdit, tapCorner,
 } from "../../ui/web/pages/mosaic_edit.js";
 import { photoAt, roomFor } from "../../ui/web/pages/mosaic_marks.js";
-import { fetchAhead, mosaicLayer } from "../../ui/web/pages/tiles.js";
+import { comparedYear } from "../../ui/web/pages/mosaic_years.js";
+import { fetchAhead, mosaicLayer, orthoLayer } from "../../ui/web/pages/tiles.js";
 import { start } from "../../ui/web/pages/words.js";
 
 start.edition = "today";
@@ -95,4 +96,11 @@ test("what is drawn too short says so, and loses any corner__law", () => {
   editKey("Escape", [0, 0]);
   editKey("Escape", [0, 0]);
   assert.equal(editState().tool, "");
+});
+
+test("the reference is compared with until a year is chosen__law", () => {
+  Object.assign(start, { ortho: true, years: [1953, 1984], words: { "pane.ortho": "Ortho" } });
+  assert.deepEqual(comparedYear(), [undefined, "Ortho"]);
+  assert.equal(orthoLayer(false).address(2, 3, 4), "/tiles/ortho/2/3/4?e=today");
+  assert.equal(orthoLayer(true, 0).address(2, 3, 4), "/tiles/year/0/2/3/4?e=today&wallis=1");
 });

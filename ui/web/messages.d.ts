@@ -40,6 +40,8 @@ interface Start {
     west: number; north: number; pixel: number; levels: number; width: number; height: number;
   };
   ortho?: boolean;
+  /** Of other orthos and mosaics the own one may be compared with, in their order. */
+  years?: number[];
   /** The folder may not be written: nothing can be decided. */
   looking?: boolean;
   /** Whether photos can be placed by clicks at this desk. */
@@ -764,7 +766,7 @@ interface Ids {
   help: HTMLDialogElement;
   "mark-room": HTMLElement | null;
   mosaic: HTMLDialogElement;
-  "mosaic-share": HTMLInputElement;
+  "mosaic-year": HTMLInputElement; "mosaic-share": HTMLInputElement;
   "name-field": HTMLInputElement;
   naming: HTMLDialogElement;
   placement: HTMLDialogElement;

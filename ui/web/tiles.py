@@ -84,6 +84,8 @@ class Sources:
     """False while a tile of the ortho would have to wait for its files to be read whole."""
     mosaic: MosaicTiles = no_tiles
     """The mosaic by its version."""
+    years: tuple[OrthoSource, ...] = ()
+    """Orthos and mosaics of other years, in their order."""
 
 
 class ScanTiles:
@@ -162,12 +164,15 @@ class TileStore(ScanTiles):
         super().__init__(sources.read)
         self.sources = sources
 
-    def ortho(self, place: tuple[int, int, int], wallis: bool) -> Colour:
-        """A tile of the reference ortho."""
-        grid = self.sources.lattice.tile(*place)
+    def ortho(self, place: tuple[int, int, int], wallis: bool, year: int | None = None) -> Colour:
+        """A tile of the reference ortho, or of another year by its number."""
+        grid, years = self.sources.lattice.tile(*place), self.sources.years
+        if year is not None and year >= len(years):
+            raise web.HTTPNotFound(text="No such year.")
+        source = self.sources.ortho if year is None else years[year]
         if not wallis:
-            return ortho_tile(self.sources.ortho, grid)
-        return _inner(_evened(ortho_tile(self.sources.ortho, _wider(grid))))
+            return ortho_tile(source, grid)
+        return _inner(_evened(ortho_tile(source, _wider(grid))))
 
     def mosaic(
         self, version: int, edition: int, place: tuple[int, int, int], wallis: bool
@@ -251,6 +256,10 @@ def _ground_routes(store: TileStore) -> list[web.RouteDef]:
             raise web.HTTPServiceUnavailable(headers={"Cache-Control": "no-store"})
         return await _answer(store, request, lambda: store.ortho(place, wallis))
 
+    async def of_year(request: web.Request) -> web.StreamResponse:
+        place, wallis, year = _place(request), _wallis(request), _count(request, "year")
+        return await _answer(store, request, lambda: store.ortho(place, wallis, year))
+
     async def mosaic(request: web.Request) -> web.StreamResponse:
         version, edition = _count(request, "version"), _count(request, "edition")
         place, wallis = _place(request), _wallis(request)
@@ -284,6 +293,7 @@ def _ground_routes(store: TileStore) -> list[web.RouteDef]:
     position = "".join(f"/{{{name}:-?[0-9.]+}}" for name in ("east", "north", "height"))
     return [
         web.get("/tiles/ortho" + TILE, ortho),
+        web.get(r"/tiles/year/{year:\d+}" + TILE, of_year),
         web.get("/tiles/scan" + PHOTO + TILE, scan),
         web.get(r"/tiles/mosaic/{version:\d+}/{edition:\d+}" + TILE, mosaic),
         web.get("/tiles/likeness" + PHOTO + position, likeness),

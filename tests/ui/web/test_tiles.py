@@ -103,6 +103,22 @@ class HalfMosaic:
         return np.repeat(np.repeat(gray[None, :, None], grid.rows, 0), 3, 2)
 
 
+def test_each_year_has_tiles_of_its_own__law():
+    tiny = tiny_block()
+    lattice = Lattice.over(tiny.land.today.bounds, 0.5)
+    old = HalfMosaic(lattice.west)
+    old.bounds = tiny.land.today.bounds
+    sources = Sources(tiny.land.today, tiny.land.dem, tiny.scans, lattice, years=(old,))
+    store = TileStore(sources)
+    place = (2, 1, 1)
+    year, today = store.ortho(place, False, 0), store.ortho(place, False)
+    assert np.array_equal(year, old.read_colour(lattice.tile(*place)))
+    assert not np.array_equal(year, today)
+    with pytest.raises(web.HTTPNotFound):
+        store.ortho(place, False, 1)
+    store.close()
+
+
 def test_the_mosaic_is_clear_where_it_shows_nothing_and_a_jpeg_where_it_is_whole__law():
     tiny = tiny_block()
     lattice = Lattice.over(tiny.land.today.bounds, 0.5)

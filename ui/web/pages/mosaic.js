@@ -10,6 +10,7 @@ import {
 } from "./mosaic_marks.js";
 import { drawSheets, sheetKey, sheetState, wantedBounds } from "./mosaic_sheets.js";
 import { mosaicSide } from "./mosaic_side.js";
+import { comparedYear, yearSlider } from "./mosaic_years.js";
 import { cleared, crosshair, halo, line, scaleBar } from "./overlay.js";
 import {
   drawLayer, groundFromLayer, layerFromGround, mosaicLayer, onTile, orthoLayer,
@@ -174,7 +175,7 @@ function head() {
   for (const type of ["pointerup", "pointerleave"]) swap.addEventListener(type, () => blink(false));
   return element("header", {}, element("h2", {}, word("mosaic")),
     element("span", { class: "segments", role: "group", "aria-label": word("mode.tip") }, ...modes),
-    share, element("span", { class: "segments" }, ...switches), swap,
+    ...yearSlider(redraw), share, element("span", { class: "segments" }, ...switches), swap,
     element("span", { class: "stretch" }),
     element("button", { onclick: () => fit() }, word("act.fit"), element("kbd", {}, "F")),
     element("button", { id: "mosaic-close", onclick: () => byId("mosaic").close() },
@@ -333,12 +334,12 @@ function drawPicture(pane, found) {
   const [context, width, height] = cleared(pane.picture);
   const size = [width, height];
   const kind = contentOf(pane);
-  const ortho = word(start.ortho ? "pane.ortho" : "pane.no-ortho");
+  const [year, ortho] = comparedYear();
   pane.label.textContent = kind === "ortho" ? ortho : kind === "mosaic" ? word("mosaic")
     : `${ortho} | ${word("mosaic")}`;
   // Grays of two times are not comparable before they are evened out.
   const even = look.wallis || kind === "difference";
-  const [below, above] = [orthoLayer(even), mosaicLayer(found, even, before)];
+  const [below, above] = [orthoLayer(even, year), mosaicLayer(found, even, before)];
   const frame = view.frame(size);
   if (kind === "difference") return drawDifference(context, [below, above], frame, size);
   const whole = kind === "mosaic" || drawLayer(context, below, frame, size);
@@ -462,6 +463,8 @@ export function mosaicKey(event, letter) {
     return true;
   }
   const arrow = ARROWS[event.key];
+  // A slider that has the keys moves by them.
+  if (arrow && byId("mosaic-year") === document.activeElement) return false;
   if (arrow) {
     if (down) move(arrow, event.shiftKey ? 1 : STEP_PX);
     return true;

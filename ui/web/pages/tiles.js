@@ -184,11 +184,15 @@ export const groundFromLayer = ([x, y]) => [start.lattice.west + x, start.lattic
 // The browser keeps tiles for a day: an address never means another block or another day's desk.
 const query = (/** @type {boolean} */ wallis) => `?e=${start.edition}${wallis ? "&wallis=1" : ""}`;
 
-/** @param {boolean} wallis @returns {Layer} */
-export function orthoLayer(wallis) {
+/**
+ * The reference, or that of another year by its number.
+ * @param {boolean} wallis @param {number} [year] @returns {Layer}
+ */
+export function orthoLayer(wallis, year) {
   const { pixel, levels, width, height } = start.lattice;
+  const source = year === undefined ? "ortho" : `year/${year}`;
   return { pixel, levels, extent: [width, height],
-    address: (l, c, r) => `/tiles/ortho/${l}/${c}/${r}${query(wallis)}` };
+    address: (l, c, r) => `/tiles/${source}/${l}/${c}/${r}${query(wallis)}` };
 }
 
 /**
