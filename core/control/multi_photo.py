@@ -7,13 +7,10 @@ how high chance makes such means. The place of that candidate is still measured 
 score map, so that the rays of a point stay independent.
 """
 
-import math
-import tempfile
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from threading import Lock
-from typing import IO, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -29,13 +26,12 @@ from core.control.search import (
     plan_search,
     sigma_on_ground_m,
 )
-from core.errors import PhotogrammetryError
+from core.kept_arrays import KeptArray, KeptArrays
 from core.localisation.initial_orientation import Site
 from core.localisation.photo_orientation import OrientationOptions
 from core.matching.local_search import DULL, MATCH_FLOOR_PX, SEPARATION_PX, predict_pixels
 from core.matching.patches import OpenPhoto
 from core.matching.peaks import ScoreMap, ScorePeak, detect_peaks, nearest_peak
-from core.said import say
 
 # design: the narrowest pair of peaks that a mean over photos still parts.
 APART_PX = 2
@@ -57,15 +53,12 @@ Covered = tuple[ScoreMap, Mask]
 class KeptSurfaces:
     """The latest surface of every point in every photo; threads may share it.
 
-    Of many photos they are too much for memory: a temporary file holds them in half precision, a
-    hundredth of their spread, and is gone when the work is done or the program ends.
+    Half precision keeps a hundredth of its spread.
     """
 
-    def __init__(self, file: IO[bytes]) -> None:
-        self.file = file
-        self.lock = Lock()
-        self.slots: dict[tuple[str, str], tuple[int, tuple[int, ...]]] = {}
-        self.end = 0
+    def __init__(self, store: KeptArrays) -> None:
+        self._store = store
+        self._kept: dict[tuple[str, str], KeptArray] = {}
 
     def keep(self, point_id: str, photo_id: str, surface: ScoreMap) -> None:
         """Lay a surface by; an earlier one of the same point and photo gives way.
@@ -73,39 +66,22 @@ class KeptSurfaces:
         Raises:
             PhotogrammetryError: The file cannot be written.
         """
-        content = surface.astype(np.float16).tobytes()
-        with self.lock:
-            start, shape = self.slots.get((point_id, photo_id), (self.end, ()))
-            if shape != surface.shape:
-                start, self.end = self.end, self.end + len(content)
-            self.slots[point_id, photo_id] = start, surface.shape
-            try:
-                self.file.seek(start)
-                self.file.write(content)
-            except OSError as error:
-                raise PhotogrammetryError(
-                    tempfile.gettempdir(),
-                    say(
-                        "surfaces of likeness cannot be laid by ({strerror}).",
-                        strerror=error.strerror,
-                    ),
-                    "Free some space there, or set TMPDIR to a folder that has it.",
-                ) from error
+        key = point_id, photo_id
+        self._kept[key] = self._store.keep(surface.astype(np.float16), self._kept.get(key))
 
     def surface(self, point_id: str, photo_id: str) -> ScoreMap:
         """A surface that was laid by."""
-        start, shape = self.slots[point_id, photo_id]
-        with self.lock:
-            self.file.seek(start)
-            content = self.file.read(2 * math.prod(shape))
-        return np.frombuffer(content, np.float16).reshape(shape).astype(np.float32)
+        return self._kept[point_id, photo_id].read().astype(np.float32)
 
 
 @contextmanager
 def keeping_surfaces() -> Generator[KeptSurfaces]:
     """A place for surfaces while the work lasts."""
-    with tempfile.TemporaryFile(prefix="gruber-surfaces-") as file:
-        yield KeptSurfaces(file)
+    store = KeptArrays()
+    try:
+        yield KeptSurfaces(store)
+    finally:
+        store.close()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -129,8 +129,9 @@ class UsableArea:
     def _cells(self, places: np.ndarray, axis: int) -> tuple[Indices, Flags]:
         """Cells of scan columns (axis 0) or rows (1), and which of them lie in the scan."""
         count = self.shape[1 - axis]
-        cells = np.floor(places * (count / self.size_px[axis])).astype(np.int64)
-        return np.clip(cells, 0, count - 1), (cells >= 0) & (cells < count)
+        cells = np.floor(places * (count / self.size_px[axis]))
+        inside = (cells >= 0) & (cells < count)
+        return np.clip(cells, 0, count - 1).astype(np.int64), inside
 
 
 @dataclass(frozen=True, slots=True)

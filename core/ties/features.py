@@ -5,7 +5,7 @@ SIFT on a reduced scan, by tiles so that memory stays small; places are scan pix
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, cast
 
@@ -17,6 +17,7 @@ from core.arrays import Flags, Indices, Mask, PixelPoints, Scalars, locked
 from core.block import Photo
 from core.frames import pixel_from_opencv
 from core.geometry.camera import Camera
+from core.kept_arrays import KeptArray, KeptArrays
 from core.raster.scan_file import ScanFile, UsableArea, read_window
 
 Descriptors = UInt8[np.ndarray, "n 128"]
@@ -81,13 +82,27 @@ class Features:
     """SIFT's radius of each, scan pixels."""
     strengths: Scalars
     """Contrast of each."""
-    descriptors: Descriptors
-    """What they look like."""
+    descriptors: Descriptors | KeptArray
+    """What they look like, laid by where all scans together would be too much for memory."""
 
     def __post_init__(self) -> None:
         for name in ("pixels", "radii_px", "strengths"):
             object.__setattr__(self, name, locked(getattr(self, name)))
-        object.__setattr__(self, "descriptors", locked(self.descriptors, np.uint8))
+        if isinstance(self.descriptors, np.ndarray):
+            object.__setattr__(self, "descriptors", locked(self.descriptors, np.uint8))
+
+    def described(self) -> Descriptors:
+        """What they look like, in memory."""
+        kept = self.descriptors
+        return kept.read() if isinstance(kept, KeptArray) else kept
+
+    def laid_by(self, store: KeptArrays) -> "Features":
+        """The same with the descriptors in a file.
+
+        Raises:
+            PhotogrammetryError: The file cannot be written.
+        """
+        return replace(self, descriptors=store.keep(self.described()))
 
     @staticmethod
     def none(size_px: tuple[int, int]) -> "Features":
@@ -104,7 +119,7 @@ class Features:
             self.pixels[which],
             self.radii_px[which],
             self.strengths[which],
-            self.descriptors[which],
+            self.described()[which],
         )
 
 
@@ -134,7 +149,7 @@ def detect_features(
         np.vstack([part.pixels for part in parts]),
         np.concatenate([part.radii_px for part in parts]),
         np.concatenate([part.strengths for part in parts]),
-        np.vstack([part.descriptors for part in parts]),
+        np.vstack([part.described() for part in parts]),
     )
     # Tiles cut through cells: only here is it known which features are a cell's strongest.
     return together.chosen(

@@ -125,7 +125,7 @@ def match_features(first: Features, second: Features, block_rows: int = BLOCK_RO
 
 def _with_squares(features: Features, factor: float) -> Float32[np.ndarray, "n 130"]:
     """Descriptions times a factor, and twice their own square beside them."""
-    values = features.descriptors.astype(np.float32)
+    values = features.described().astype(np.float32)
     square = np.sum(values * values, axis=1)
     return np.column_stack([factor * values, square, square]).astype(np.float32, copy=False)
 

@@ -10,6 +10,7 @@ from core.block import Block, TiePoints
 from core.doubts import Doubt
 from core.formats.tie_list import read_ties
 from core.geometry.exterior import ExteriorOrientation
+from core.kept_arrays import KeptArrays
 from core.progress import Progress, Work, tracked
 from core.raster.scan_file import open_scan
 from core.raster.stand_in import is_stand_in
@@ -101,13 +102,14 @@ def detect_block_features(
     mapper: Callable[..., Iterable[Features]] = map,
 ) -> dict[str, Features]:
     """Features of every photo, by name; `mapper` runs a function over photos."""
+    store = KeptArrays()
 
     def detected(name: str) -> Features:
         photo = block.photos[name]
         if is_stand_in(photo.scan):
             return Features.none(photo.size_px)
         area = usable.get(name) or picture_area(photo, block.camera_of(name))
-        return detect_features(open_scan(photo.scan), area, options.features)
+        return detect_features(open_scan(photo.scan), area, options.features).laid_by(store)
 
     names = sorted(block.photos)
     found = tracked(mapper(detected, names), len(names), progress, "finding features")
