@@ -97,8 +97,10 @@ def make_mosaic(
     products = session.products
     target, seams = session.results / MOSAIC, session.results / SEAMS
     options = MosaicOptions(balance=project.ortho.balance, area=read_area(project))
-    edited = _edited(session, seams)
-    hand = ByHand(standing_seam_edits(session.decisions()))
+    edited = edited_seams(session)
+    laid = standing_seam_edits(session.decisions())
+    # One file says which photo shows what: where it was edited, it holds alone.
+    hand = ByHand(() if edited else laid)
     wanted = (list(orthos), options, edited, *hand.if_any, *_looked_at(project))
     inputs = products.digest_of("mosaic", 8, *wanted)
     kept = None if anew else products.load_value("mosaic", products.digest_of(inputs, target))
@@ -128,7 +130,14 @@ def make_mosaic(
         if seams_part is not None:
             _remember_drawn(session, seams_part)
     products.save_value(SEAMS_DRAWN, inputs, (hand.before, hand.edits))
-    told = replace(composed, path=target, notes=(*_far_buildings(project, guides), *composed.notes))
+    notes = (*_far_buildings(project, guides), *composed.notes)
+    if edited and laid:
+        left = (
+            "{file} was edited outside of the desk and holds alone: {count:# seam|# seams} laid at "
+            "the desk do not lie over it. Delete the file to have seams drawn anew, with them."
+        )
+        notes = (*notes, say(left, file=SEAMS, count=len(laid)))
+    told = replace(composed, path=target, notes=notes)
     holes = _on_ground(composed.holes, project, session)
     return _kept(products, inputs, replace(told, holes=holes))
 
@@ -293,8 +302,9 @@ def _made_with(session: Session, name: str) -> tuple[Photo, Camera] | None:
     return cast("tuple[Photo, Camera] | None", session.products.latest_value(f"made-with/{name}"))
 
 
-def _edited(session: Session, seams: Path) -> str | None:
+def edited_seams(session: Session) -> str | None:
     """Digest of what the file of seams holds where the program did not draw it."""
+    seams = session.results / SEAMS
     if not seams.is_file():
         return None
     content = _content(session, seams)

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,7 +13,7 @@ from aiohttp import web
 from app.desk.watched_job import WatchedJob
 from app.epochs import MOSAIC
 from app.misfit import known_places
-from app.mosaic import SEAMS_DRAWN, kept_orthos
+from app.mosaic import SEAMS, SEAMS_DRAWN, edited_seams, kept_orthos
 from app.project import read_project
 from app.sheets import check_sheets, make_sheets, sheets_line
 from core.errors import Cancelled, ProjectError
@@ -61,7 +61,11 @@ class MosaicFile:
         drawn, edits = cast("tuple[tuple[Seam, ...], tuple[SeamEdit, ...]]", kept)
         orthos = kept_orthos(self._session, product)
         places = known_places(products)
-        return ShownMosaic(product, version, product.seams, drawn, edits, orthos, misfit=places)
+        shown = ShownMosaic(product, version, product.seams, drawn, edits, orthos, misfit=places)
+        if not edited_seams(self._session):
+            return shown
+        seams = (self._session.results / SEAMS).stat().st_mtime_ns // 1_000_000
+        return replace(shown, outside="waiting" if seams > version else "composed")
 
     def publish(self, mosaic: ShownMosaic) -> None:
         """Tell what an edition of the seams means; the oldest are forgotten."""

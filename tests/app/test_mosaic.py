@@ -11,12 +11,13 @@ import shapely
 from affine import Affine
 
 from app.block_sections import BlockSection, OrthoSection
-from app.mosaic import make_mosaic, seam_guides
+from app.mosaic import edited_seams, make_mosaic, seam_guides
 from app.project import ListedScan, Project, ScansSection
 from app.references import ReferenceSection
 from app.stage_lines import notes_ahead
 from core.errors import ProjectError, ReferenceDataError
 from core.formats.vectors import write_polygons
+from core.mosaic.seam_edits import SeamArea
 from core.mosaic.seams import read_seams, write_seams
 from core.progress import SILENT
 from core.raster.grid import Grid
@@ -99,6 +100,32 @@ def test_edited_seams_hold_and_are_not_written_over__law(block):
     drawn = made(block)
     assert [seam.area.area for seam in drawn.seams] != pytest.approx(areas)
     assert read_seams(path)[0].area.equals(drawn.seams[0].area)
+
+
+def test_edited_seams_hold_alone_and_say_so_where_seams_were_laid_at_the_desk__law(block):
+    _, session, _ = block
+    first = made(block)
+    west, south, _, north = next(s for s in first.seams if s.photo_id == "b").area.bounds
+    border = (
+        (west, south + 10),
+        (west + 10, south + 10),
+        (west + 10, north - 10),
+        (west, north - 10),
+    )
+    session.record(SeamArea("a", border))
+    laid = made(block)
+    assert laid.seams[0].area.area > first.seams[0].area.area
+    assert edited_seams(session) is None
+    path = session.results / "seams.gpkg"
+    areas = edited(path)
+    found = made(block)
+    assert edited_seams(session)
+    assert [seam.area.area for seam in found.seams] == pytest.approx(areas)
+    assert [str(note).count("1 seam laid at the desk") for note in found.notes] == [1]
+    path.unlink()
+    again = made(block)
+    assert [one.area.area for one in again.seams] == [one.area.area for one in laid.seams]
+    assert not again.notes
 
 
 def test_seams_name_only_photos_that_show_the_ground_and_what_was_edited_stays__truth(block):

@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 
 import {
-  editKey, editState, gripCorner, putCorner, setUpEdit, tapCorner,
+  dragCorner, editKey, editState, gripCorner, putCorner, setUpEdit, tapCorner,
 } from "../../ui/web/pages/mosaic_edit.js";
 import { photoAt, roomFor } from "../../ui/web/pages/mosaic_marks.js";
 import { comparedYear } from "../../ui/web/pages/mosaic_years.js";
@@ -93,7 +93,11 @@ test("what is drawn too short says so, and loses any corner__law", () => {
   assert.ok(gripCorner([3, 3], onScreen));
   tapCorner();
   assert.equal(editState().said, "mosaic.edit.line.few");
+  // Dropped while a hand holds a corner of it: nothing is left to drag.
+  assert.ok(gripCorner([3, 3], onScreen));
   editKey("Escape", [0, 0]);
+  assert.ok(!dragCorner([9, 9]));
+  assert.deepEqual(editState().places, []);
   editKey("Escape", [0, 0]);
   assert.equal(editState().tool, "");
 });

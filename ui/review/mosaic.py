@@ -142,6 +142,8 @@ def decided_seam(gesture: SeamDrawn, desk: DeskSnapshot) -> tuple[SeamEdit | Non
     mosaic = desk.state.mosaic
     if mosaic is None:
         return None, Notice("notice.seam.none")
+    if mosaic.outside:
+        return None, Notice("notice.seam.outside", grave=True)
     seams, former = _before(gesture.replaces, mosaic, desk.recorded)
     number = 0 if former is None else gesture.replaces
     if gesture.photo_id:
@@ -177,7 +179,7 @@ def _before(
 
 def with_seam_edits(mosaic: ShownMosaic, edits: tuple[SeamEdit, ...]) -> ShownMosaic:
     """The mosaic with the seams that some edits make of those that were drawn."""
-    if edits == mosaic.edits:
+    if edits == mosaic.edits or mosaic.outside:
         return replace(mosaic, seams=mosaic.product.seams, edition=0, changed=None)
     seams = with_edits(mosaic.drawn, edits, mosaic.product.shown)
     changed = changed_ground(mosaic.product.seams, seams)
@@ -204,6 +206,7 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
         "area": round(product.covered_share * product.asked_m2),
         "stale": list(desk.stale),
         "gone": desk.mosaic_gone,
+        "outside": shown.outside,
         "edition": shown.edition,
         "changed": None if shown.changed is None else [round(v, 2) for v in shown.changed],
         "edits": [

@@ -354,6 +354,8 @@ class ShownMosaic:
     """Where it is likely to be wrong, worst first."""
     changed: Bounds | None = None
     """Where another photo shows the ground than in the file: west, south, east, north, metres."""
+    outside: Literal["", "composed", "waiting"] = ""
+    """Whether its seams were edited outside of the desk: they hold alone, composed or not yet."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

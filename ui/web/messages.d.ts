@@ -408,6 +408,8 @@ interface Mosaic {
   edition?: number;
   /** Whether its file is no longer there, or another one. */
   gone?: boolean;
+  /** Whether seams were edited outside of the desk and hold alone: composed, or still to be. */
+  outside?: "" | "composed" | "waiting";
   /** Where: west, south, east, north, metres. */
   changed?: number[] | null;
   edits?: SeamEdited[];

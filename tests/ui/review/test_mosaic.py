@@ -141,6 +141,23 @@ def test_corners_of_a_line_are_moved_over_the_seams_before_it__law(desk: DeskSna
     assert (moved.first, moved.second, moved.replaces) == (WEST, EAST, 7)
 
 
+def test_seams_edited_outside_hold_alone__law(desk: DeskSnapshot) -> None:
+    mosaic, places = desk.state.mosaic, line_west_of_the_seam(desk)
+    assert mosaic is not None
+    drawn = gesture_from_message("s", {"kind": "seam", "photo": "", "places": places})
+    assert isinstance(drawn, SeamDrawn)
+    outside = replace(mosaic, outside="waiting")
+    now = replace(desk, state=replace(desk.state, mosaic=outside))
+    assert now.mosaic_waits
+    assert mosaic_part(now)["outside"] == "waiting"
+    refused = outcome_of(drawn, Seat("s", "anna"), now)
+    assert not refused.decisions
+    assert refused.notice == Notice("notice.seam.outside", grave=True)
+    (edit,) = outcome_of(drawn, Seat("s", "anna"), desk).decisions
+    assert isinstance(edit, SeamLine)
+    assert with_seam_edits(outside, (edit,)).seams == mosaic.product.seams
+
+
 def test_what_is_drawn_beside_the_mosaic_is_refused_with_a_reason__truth(
     desk: DeskSnapshot,
 ) -> None:

@@ -73,8 +73,10 @@ function propose(place) {
  */
 export function editTools(found, picked) {
   Object.assign(state, { seams: found.seams ?? [], edits: found.edits ?? [] });
-  // Taken back meanwhile, here or by somebody else: what is in hand is a new one.
-  if (!state.edits.some(({ id }) => id === state.of?.id)) state.of = null;
+  // Taken back or laid anew meanwhile, here or by somebody else: what is in hand is a new one.
+  if (state.of && !state.edits.some(({ id }) => id === state.of?.id)) {
+    Object.assign(state, { of: null, said: "mosaic.edit.changed" });
+  }
   const { tool, of } = state;
   const photos = state.seams.map(({ photo }) => photo);
   if (!photos.includes(state.photo)) state.photo = picked?.photo ?? photos[0] ?? "";
@@ -197,7 +199,8 @@ const handles = () => (state.places.length || start.guest ? []
 
 /** True while a corner is dragged. @param {Pair} ground */
 export function dragCorner(ground) {
-  if (state.gripped < 0) return false;
+  // A key may have ended or shortened what is drawn while the hand held a corner of it.
+  if (!state.places[state.gripped]) return false;
   state.places[state.gripped] = ground;
   return true;
 }
@@ -222,7 +225,10 @@ export function editKey(name, cursor, onScreen) {
   else if (name === "Backspace" || name === "Delete") {
     if (name === "Delete") takeNearest(cursor);
     else state.places.pop();
-    state.said = "";
+    state.gripped = -1;
+    // Without corners nothing is in hand any more: it stays as it was laid.
+    state.said = state.of && !state.places.length ? "mosaic.edit.kept" : "";
+    if (!state.places.length) state.of = null;
   } else return false;
   state.changed();
   return true;

@@ -55,13 +55,16 @@ function stale(found, status, { remake }) {
     const share = word(made, { share: Math.round(100 * making.share) });
     return [element("p", { id: "mosaic-stale", class: "doubted", role: "status" }, share)];
   }
-  if (!photos.length && !found.edition && !found.gone) return [];
+  const outside = found.outside ? [element("p", { id: "mosaic-outside", class: "doubted" },
+    word(`mosaic.outside.${found.outside}`))] : [];
+  const waits = found.gone || found.outside === "waiting";
+  if (!photos.length && !found.edition && !waits) return outside;
   const [names, name] = [photos.map(shortName).join(", "), remakeName(status)];
   const moved = photos.length ? [element("p", { id: "mosaic-stale", class: "doubted" },
     word("mosaic.stale", { count: photos.length, names }))] : [];
   const gone = found.gone ? [element("p", { id: "mosaic-gone", class: "doubted" },
     word("mosaic.gone"))] : [];
-  return [...gone, ...moved, element("div", {}, element("button", { id: "mosaic-remake",
+  return [...gone, ...outside, ...moved, element("div", {}, element("button", { id: "mosaic-remake",
     onclick: remake, disabled: start.guest, title: word(`${name}.tip`) }, word(name)))];
 }
 

@@ -8,6 +8,8 @@ import {
 const state = {
   /** When the report shown was written. */
   written: 0,
+  /** Whether the files are what the decisions make of them. */
+  fresh: true,
   /** The tab it was opened in. */
   page: /** @type {Window | null} */ (null),
   /** Whether long work was under way when that was asked last, and when it is asked again. */
@@ -23,9 +25,10 @@ const WORKS = {
 const ASKED_MS = 700; // design: as a run that is watched
 
 /** A report written anew is listed, and shown where it is open. @param {Status} status */
-export function tellResults({ written_ms: written }) {
+export function tellResults({ written_ms: written, written: fresh, stale }) {
   const before = state.written;
-  state.written = written;
+  Object.assign(state, { written, fresh: fresh && !stale.length });
+  document.getElementById("sheets-old")?.toggleAttribute("hidden", state.fresh);
   if (!before || before === written) return;
   if (state.page && !state.page.closed) state.page.location.reload();
   listAgain();
@@ -185,6 +188,7 @@ function sheets() {
   const { begin, stop, said } = working("sheets", () => post("/sheets"),
     (answer) => [[again(answer.said), " \u00b7 ", link(answer.file)]]);
   return [element("h3", {}, word("sheets")), element("p", {}, word("sheets.long")),
+    element("p", { id: "sheets-old", class: "doubted", hidden: state.fresh }, word("sheets.old")),
     element("p", {}, begin, " ", stop), said];
 }
 
