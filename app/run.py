@@ -243,11 +243,9 @@ class Run:
         return say("{told} (as before)", told=told) if fresh else told
 
     def renew_last_pass(self) -> None:
-        """Let the last pass count as the newest, also where only an earlier one was made again."""
-        products = self.session.products
+        """Let the last pass count as the last, also where only an earlier one was made again."""
         for name, product in self.last_pass.items():
-            if products.latest_digest(name) != self.digests[name]:
-                products.renew(product, self.digests[name])
+            self.session.products.count_as_last(name, product, self.digests[name])
 
     def corrected(self, found: ScanSet) -> ScanSet:
         """The scans as operators corrected them: all that follows depends on their fiducials."""

@@ -5,7 +5,6 @@ import json
 import os
 import re
 import shutil
-import time
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -26,6 +25,8 @@ DIGEST_SIGNS = 16
 _MAGIC = b"gruber-product-1"
 _DIGEST_NAME = re.compile(r"^[0-9a-f]{64}(\.value)?$")
 _MANIFEST = "product.json"
+_LAST = "last"
+"""File of a repeated stage that names the product it ended with."""
 
 
 def digest_of(*parts: Any, here: Path | None = None) -> str:
@@ -87,18 +88,21 @@ class Products:
         """The value made from these inputs, arrays read-only; None when it must be made."""
         return _value_in(self._value_path(stage, digest), self._here)
 
-    def renew(self, stage: str, digest: str) -> None:
-        """Count a value as made last."""
-        now = time.time_ns()
-        # What another user made stays as old as it is.
-        with suppress(OSError):
-            os.utime(self._value_path(stage, digest), ns=(now, now))
+    def count_as_last(self, stage: str, product: str, digest: str) -> None:
+        """Count the value of one pass as the last of its stage, whatever the times of its files.
+
+        A copy of a block has files of other times.
+        """
+        path, told = self._stage_path(stage) / _LAST, f"{product}/{digest}"
+        if not path.is_file() or path.read_text(encoding="utf-8", errors="replace") != told:
+            with whole_file(path) as temporary:
+                temporary.write_text(told, encoding="utf-8")
 
     def latest_value(self, stage: str) -> Any | None:
         """The value of the stage that was made last, from whatever inputs; None if there is none.
 
         For showing what was, until what is has been made. A repeated stage has a product for each
-        pass, in folders below its own; the last pass counts, which a walk makes or renews last.
+        pass, in folders below its own; the one that a walk ended with counts.
         """
         newest = self._newest(stage)
         return None if newest is None else _value_in(newest, self._here)
@@ -124,6 +128,12 @@ class Products:
         self._prune(path)
 
     def _newest(self, stage: str) -> Path | None:
+        last = self._stage_path(stage) / _LAST
+        if last.is_file():
+            product, _, digest = last.read_text(encoding="utf-8", errors="replace").rpartition("/")
+            path = self._value_path(product, digest)
+            if path.is_file():
+                return path
         found = self._stage_path(stage).rglob("*.value")
         return max(found, key=lambda path: path.stat().st_mtime_ns, default=None)
 

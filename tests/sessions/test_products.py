@@ -74,6 +74,19 @@ def test_the_latest_value_is_there_for_showing__truth(tmp_path: Path) -> None:
     assert products.latest_value("adjustment") == "as it was"
 
 
+def test_the_pass_that_a_walk_ended_with_is_the_latest_in_a_copy_too__law(tmp_path: Path) -> None:
+    """Files of a copy are as old as the copying made them."""
+    products = Products(tmp_path)
+    products.save_value("control", ONE, "first pass")
+    products.save_value("control/2", TWO, "second pass")
+    products.count_as_last("control", "control/2", TWO)
+    later = (tmp_path / "control" / "2" / f"{TWO}.value").stat().st_mtime + 60
+    os.utime(tmp_path / "control" / f"{ONE}.value", (later, later))
+    assert Products(tmp_path).latest_value("control") == "second pass"
+    (tmp_path / "control" / "last").write_text("spoilt")
+    assert Products(tmp_path).latest_value("control") == "first pass"
+
+
 @pytest.mark.parametrize("keep", [0, 10, 90, -1])
 def test_a_truncated_value_counts_as_not_there__truth(tmp_path: Path, keep: int) -> None:
     products = Products(tmp_path)
