@@ -81,8 +81,8 @@ def make_mosaic(
 ) -> MosaicProduct:
     """The mosaic of the orthos, unless it is fresh.
 
-    Seams edited in `seams.gpkg` hold, but for ground that their photo does not show; without the
-    file they are drawn. Only tiles are composed of which an ortho, its tone or a seam has changed.
+    Seams edited in `seams.gpkg` hold alone, but for ground that their photo does not show. Only
+    tiles are composed of which an ortho, its tone or a seam has changed.
 
     Args:
         session: Where results are kept.
@@ -98,9 +98,7 @@ def make_mosaic(
     target, seams = session.results / MOSAIC, session.results / SEAMS
     options = MosaicOptions(balance=project.ortho.balance, area=read_area(project))
     edited = edited_seams(session)
-    laid = standing_seam_edits(session.decisions())
-    # One file says which photo shows what: where it was edited, it holds alone.
-    hand = ByHand(() if edited else laid)
+    hand = ByHand(() if edited else standing_seam_edits(session.decisions()))
     wanted = (list(orthos), options, edited, *hand.if_any, *_looked_at(project))
     inputs = products.digest_of("mosaic", 8, *wanted)
     kept = None if anew else products.load_value("mosaic", products.digest_of(inputs, target))
@@ -130,16 +128,20 @@ def make_mosaic(
         if seams_part is not None:
             _remember_drawn(session, seams_part)
     products.save_value(SEAMS_DRAWN, inputs, (hand.before, hand.edits))
-    notes = (*_far_buildings(project, guides), *composed.notes)
-    if edited and laid:
-        left = (
-            "{file} was edited outside of the desk and holds alone: {count:# seam|# seams} laid at "
-            "the desk do not lie over it. Delete the file to have seams drawn anew, with them."
-        )
-        notes = (*notes, say(left, file=SEAMS, count=len(laid)))
-    told = replace(composed, path=target, notes=notes)
+    left = _far_buildings(project, guides) + _seams_left_out(session, edited)
+    told = replace(composed, path=target, notes=(*left, *composed.notes))
     holes = _on_ground(composed.holes, project, session)
     return _kept(products, inputs, replace(told, holes=holes))
+
+
+def _seams_left_out(session: Session, edited: str | None) -> tuple[str, ...]:
+    """What becomes of seams laid at the desk where the file was edited outside of it."""
+    count = len(standing_seam_edits(session.decisions())) if edited else 0
+    told = (
+        "{file} was edited outside of the desk and holds alone: {count:# seam|# seams} laid at "
+        "the desk do not lie over it. Delete the file to have seams drawn anew, with them."
+    )
+    return (say(told, file=SEAMS, count=count),) if count else ()
 
 
 def _former(products: Products, path: Path) -> FormerMosaic | None:

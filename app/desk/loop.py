@@ -423,7 +423,7 @@ class ReviewLoop:
         state, stale = self._now.state, self._now.stale
         if self._remaker.busy:
             return
-        if state.written and not stale and not self._now.mosaic_waits:
+        if state.written and not stale and not self._now.mosaic_gone:
             self._screen.tell(seat.seat_id, Notice("notice.remake-none"))
             return
         self._change_state(remaking=Remaking())

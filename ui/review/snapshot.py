@@ -86,12 +86,6 @@ class DeskSnapshot:
         return self.state.mosaic is not None and not self.mosaic_version
 
     @property
-    def mosaic_waits(self) -> bool:
-        """Whether the file of the mosaic is to be written again though no photo has moved."""
-        mosaic = self.state.mosaic
-        return self.mosaic_gone or (mosaic is not None and mosaic.outside == "waiting")
-
-    @property
     def rows(self) -> Mapping[Key, Row]:
         """The queue's rows by key."""
         return self.table.rows

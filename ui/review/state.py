@@ -400,11 +400,9 @@ class DeskState:
 
     @property
     def written(self) -> bool:
-        """False while tables and report on disk tell other results than the newest.
-
-        Or while seams were edited that the mosaic does not follow yet.
-        """
-        if self.mosaic is not None and self.mosaic.edition:
+        """False while results on disk are other than the newest, or do not follow edited seams."""
+        mosaic = self.mosaic
+        if mosaic is not None and (mosaic.edition or mosaic.outside == "waiting"):
             return False
         return not self.adjusting and self.written_of == results_digest(self.report)
 

@@ -148,7 +148,7 @@ def test_seams_edited_outside_hold_alone__law(desk: DeskSnapshot) -> None:
     assert isinstance(drawn, SeamDrawn)
     outside = replace(mosaic, outside="waiting")
     now = replace(desk, state=replace(desk.state, mosaic=outside))
-    assert now.mosaic_waits
+    assert not now.state.written
     assert mosaic_part(now)["outside"] == "waiting"
     refused = outcome_of(drawn, Seat("s", "anna"), now)
     assert not refused.decisions
