@@ -137,11 +137,11 @@ def make_mosaic(
 def _seams_left_out(session: Session, edited: str | None) -> tuple[str, ...]:
     """What becomes of seams laid at the desk where the file was edited outside of it."""
     count = len(standing_seam_edits(session.decisions())) if edited else 0
-    told = (
+    alone = (
         "{file} was edited outside of the desk and holds alone: {count:# seam|# seams} laid at "
         "the desk do not lie over it. Delete the file to have seams drawn anew, with them."
     )
-    return (say(told, file=SEAMS, count=count),) if count else ()
+    return (say(alone, file=SEAMS, count=count),) if count else ()
 
 
 def _former(products: Products, path: Path) -> FormerMosaic | None:
