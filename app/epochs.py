@@ -110,8 +110,8 @@ def named_epoch(table: Table, ties: bool) -> Epoch:
         raise table.error("block", "it is this block itself.", "Name another, or leave it out.")
     found = epoch_of(folder)
     if not isinstance(found, Epoch):
-        raise table.error("block", found, say("Correct the path; it is relative to {file}.",
-                                              file=FILE))  # fmt: skip
+        remedy = say("Correct the path; it is relative to {file}.", file=FILE)
+        raise table.error("block", found, remedy)
     if ties and (way := _way_back(folder, own.resolve())):
         cause = say(
             "the blocks go in a circle: {names}.", names=" → ".join(one.name for one in way)

@@ -16,7 +16,7 @@ from core.errors import StorageError
 from core.said import say
 from sessions.disk import explain_disk_errors
 
-# definition: Windows keeps the locked byte from every reader; JSON may begin with a blank.
+# design: Windows keeps the locked byte from every reader; JSON may begin with a blank.
 LOCKED = b" "
 """What stands before the holder in a lock file."""
 # design: Linux counts in hundredths of a second; nothing starts twice under one number in less.

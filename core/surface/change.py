@@ -161,9 +161,13 @@ def _write_difference(
 ) -> int:
     """Write it; the number of cells with a height in both."""
     profile: dict[str, Any] = tiled_profile(grid, crs, "float32", 2) | {
-        "nodata": NODATA_M, "compress": "deflate", "zlevel": COMPRESSION_LEVEL,
-        "predictor": PREDICTOR, "interleave": "band", "sparse_ok": False,
-    }  # fmt: skip
+        "nodata": NODATA_M,
+        "compress": "deflate",
+        "zlevel": COMPRESSION_LEVEL,
+        "predictor": PREDICTOR,
+        "interleave": "band",
+        "sparse_ok": False,
+    }
     tiles, known = list(tiles_of(grid, BLOCK_PX)), 0
     with tell_full_disk(path), rasterio.open(path, "w", **profile) as file:
         for band, said in enumerate(("later minus earlier", "standard deviation"), 1):

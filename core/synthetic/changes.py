@@ -12,6 +12,7 @@ from scipy import ndimage
 from shapely.geometry import LineString, Polygon
 
 from core.arrays import Matrix, locked
+from core.frames import opencv_from_pixel
 from core.raster.grid import Grid
 from core.synthetic.land_cover import PLAIN, House, Tract
 from core.synthetic.network import Network
@@ -71,6 +72,8 @@ def make_changes(
     network: Network, bounds: Bounds, years: Sequence[int], seed: int
 ) -> tuple[Change, ...]:
     """Changes between each epoch and the one before, clear of roads and of each other.
+
+    Where a place has no room for all of them, the last ones are left out.
 
     Args:
         network: Roads and villages.
@@ -171,11 +174,20 @@ def halls_in(changes: Iterable[Change], year: int) -> list[House]:
 def soil_in(changes: Iterable[Change], year: int) -> list[Tract]:
     """Bare soil where ground was cut away or filled up by a year."""
     return [
-        Tract(change.outline, "arable", 2 * PLAIN + 1, 0.0, (1.0, 0.0), change.tone, 0.6, 1.6,
-              (1.1, 0.98, 0.84))
+        Tract(
+            change.outline,
+            "arable",
+            2 * PLAIN + 1,
+            0.0,
+            (1.0, 0.0),
+            change.tone,
+            0.6,
+            1.6,
+            (1.1, 0.98, 0.84),
+        )
         for change in changes
         if change.of_ground and change.stands(year)
-    ]  # fmt: skip
+    ]
 
 
 def with_woods(
@@ -185,6 +197,6 @@ def with_woods(
     result = wood.copy()
     for change in changes:
         if change.kind == "wood" and change.stands(year):
-            corners = np.round(grid.grid_from_object(change.outline) - 0.5).astype(np.int32)
-            cv2.fillPoly(result, [corners], 1.0)
+            corners = opencv_from_pixel(grid.grid_from_object(change.outline)).round()
+            cv2.fillPoly(result, [corners.astype(np.int32)], 1.0)
     return result

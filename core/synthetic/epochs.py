@@ -18,7 +18,7 @@ FLIGHTS = 10_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Epoch:
+class FlownEpoch:
     """One of them."""
 
     year: int
@@ -31,7 +31,7 @@ class Epoch:
     """The place as it was."""
 
 
-def plan_epochs(options: SyntheticOptions, years: Sequence[int]) -> tuple[Epoch, ...]:
+def plan_epochs(options: SyntheticOptions, years: Sequence[int]) -> tuple[FlownEpoch, ...]:
     """The epochs of a place, nothing written.
 
     Roads and parcels change towards the present as `SyntheticOptions.epoch` has it; crops, light
@@ -52,7 +52,7 @@ def plan_epochs(options: SyntheticOptions, years: Sequence[int]) -> tuple[Epoch,
     seen = (float(west), float(south), float(east), float(north))
     changes = make_changes(whole.network, seen, years, options.seed)
     today = terrain_in(whole.terrain, changes, PRESENT_YEAR, bare=True)
-    epochs: list[Epoch] = []
+    epochs: list[FlownEpoch] = []
     for year, own, flight in zip(years, of_years, flights, strict=True):
         then = terrain_in(whole.terrain, changes, year)
         landscape = replace(
@@ -63,11 +63,15 @@ def plan_epochs(options: SyntheticOptions, years: Sequence[int]) -> tuple[Epoch,
             changes=changes,
             terrain_then=then,
         )
-        epochs.append(Epoch(year, own, replace(flight, terrain=then, bounds=bounds), landscape))
+        epochs.append(
+            FlownEpoch(year, own, replace(flight, terrain=then, bounds=bounds), landscape)
+        )
     return tuple(epochs)
 
 
-def make_epochs(folder: Path, options: SyntheticOptions, years: Sequence[int]) -> tuple[Epoch, ...]:
+def make_epochs(
+    folder: Path, options: SyntheticOptions, years: Sequence[int]
+) -> tuple[FlownEpoch, ...]:
     """Write a block for each epoch into a folder named by its year.
 
     Args:
@@ -87,7 +91,7 @@ def make_epochs(folder: Path, options: SyntheticOptions, years: Sequence[int]) -
     return epochs
 
 
-def changes_between(epochs: Sequence[Epoch], first: int, last: int) -> tuple[Change, ...]:
+def changes_between(epochs: Sequence[FlownEpoch], first: int, last: int) -> tuple[Change, ...]:
     """The changes after one year, up to another."""
     return tuple(c for c in epochs[0].landscape.changes if first < c.year <= last)
 

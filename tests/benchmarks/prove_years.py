@@ -24,14 +24,14 @@ import rasterio
 from shapely import Polygon
 
 from app.change import YearPair, compare_years, dated_blocks
-from app.epochs import Epoch as Made
+from app.epochs import Epoch
 from core.mosaic.change import DIFFERENT, SAME
 from core.mosaic.comparison import compare_orthos
 from core.progress import SILENT
 from core.raster.grid import Grid, burn
 from core.surface.ground import NODATA_M
 from core.synthetic.changes import Change, risen
-from core.synthetic.epochs import Epoch, changes_between, make_epochs, plan_epochs
+from core.synthetic.epochs import FlownEpoch, changes_between, make_epochs, plan_epochs
 from core.synthetic.options import SyntheticOptions
 from tests.benchmarks.large_desk import say
 
@@ -51,7 +51,7 @@ def run(folder: Path, *words: str) -> None:
         subprocess.run(command, stdout=log, stderr=log, check=True)
 
 
-def made_blocks(folder: Path, options: SyntheticOptions) -> tuple[Epoch, ...]:
+def made_blocks(folder: Path, options: SyntheticOptions) -> tuple[FlownEpoch, ...]:
     """The epochs, each run alone with its surface, and tied to the mosaic of the next."""
     if not (folder / str(YEARS[-1]) / "block.toml").is_file():
         make_epochs(folder, options, YEARS)
@@ -63,7 +63,7 @@ def made_blocks(folder: Path, options: SyntheticOptions) -> tuple[Epoch, ...]:
             run(folder / str(year))
     for year, later in pairwise(YEARS):
         tied = folder / f"{year}-tied"
-        if Made(tied).mosaic.is_file():
+        if Epoch(tied).mosaic.is_file():
             continue
         shutil.rmtree(tied, ignore_errors=True)
         own = shutil.ignore_patterns("results", ".gruber", "*.sqlite*")
@@ -84,7 +84,7 @@ def grid_of(path: Path) -> tuple[Grid, np.ndarray]:
     return grid, values
 
 
-def heights_line(epochs: Sequence[Epoch], pair: YearPair, raster: Path) -> str:
+def heights_line(epochs: Sequence[FlownEpoch], pair: YearPair, raster: Path) -> str:
     """What was found of the changes of height, against the truth."""
     grid, away = grid_of(raster)
     changes = epochs[0].landscape.changes
@@ -130,14 +130,17 @@ def _share_found(
     return float(hit[there].sum() / (there & known).sum())
 
 
-def picture_line(epochs: Sequence[Epoch], pair: YearPair) -> str:
+def picture_line(epochs: Sequence[FlownEpoch], pair: YearPair) -> str:
     """What was found of the changes of the picture, against the truth."""
     cells, state = pair.picture.grid, pair.picture.state
     step = max(1, round(cells.ground_sample_distance_m / LABEL_M))
     fine = Grid(
-        cells.west, cells.north, cells.ground_sample_distance_m / step, cells.columns * step,
+        cells.west,
+        cells.north,
+        cells.ground_sample_distance_m / step,
+        cells.columns * step,
         cells.rows * step,
-    )  # fmt: skip
+    )
     labels = [_labels(epoch, fine) for epoch in epochs if epoch.year in (pair.earlier, pair.later)]
     other = (labels[0] != labels[1]).reshape(cells.rows, step, cells.columns, step)
     share = other.mean(axis=(1, 3))
@@ -152,7 +155,7 @@ def picture_line(epochs: Sequence[Epoch], pair: YearPair) -> str:
     return f"| {pair.name} | {told[0]} | {told[1]} | {agreement:.2f} |"
 
 
-def _labels(epoch: Epoch, grid: Grid) -> np.ndarray:
+def _labels(epoch: FlownEpoch, grid: Grid) -> np.ndarray:
     """A number for what covers each pixel, the same where it is the same in two epochs."""
     tracts = epoch.landscape.scene(True, grid).tracts
     shapes = [(Polygon(t.outline), hash(t.outline.round(1).tobytes()) % 1_000_003) for t in tracts]
@@ -175,7 +178,7 @@ def main() -> None:
         for year in YEARS[:-1]:
             truth = place / str(year) / "truth" / "archival_ortho.tif"
             alone, tied = (
-                compare_orthos(Made(place / name).mosaic, truth)
+                compare_orthos(Epoch(place / name).mosaic, truth)
                 for name in (f"{year}", f"{year}-tied")
             )
             errors.append(
@@ -187,8 +190,10 @@ def main() -> None:
         "| heights | agreement | found | false alarms | m3 raised, lowered |\n|---|---|---|---|---|"
     )
     say("\n".join(heights))
-    say("| picture | truly other cells | called different | the same | truly the same | "
-        "called different | the same | agreement |\n|---|---|---|---|---|---|---|---|")  # fmt: skip
+    say(
+        "| picture | truly other cells | called different | the same | truly the same | "
+        "called different | the same | agreement |\n|---|---|---|---|---|---|---|---|"
+    )
     say("\n".join(pictures))
     say("| mosaic | m_p alone | tied | NMAD alone | tied | places |\n|---|---|---|---|---|---|")
     say("\n".join(errors))

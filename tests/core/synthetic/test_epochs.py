@@ -30,8 +30,10 @@ def test_heights_differ_by_what_was_planted_alone__truth(epochs):
     # Beyond the longest half diagonal of a change, and what a spline carries further.
     apart = np.linalg.norm(free[:, None] - middles, axis=2).min(axis=1) > 90
     for one, other in pairwise(epochs):
-        rise = [other.flight.terrain.heights(p) - one.flight.terrain.heights(p)
-                for p in (middles, free[apart])]  # fmt: skip
+        rise = [
+            other.flight.terrain.heights(p) - one.flight.terrain.heights(p)
+            for p in (middles, free[apart])
+        ]
         new = changes_between(epochs, one.year, other.year)
         sign = {"wood": -1}
         expected = [sign.get(c.kind, 1) * HEIGHTS_M[c.kind] if c in new else 0.0 for c in changes]
@@ -47,9 +49,14 @@ def test_heights_differ_by_what_was_planted_alone__truth(epochs):
 def test_what_has_changed_once_stays_so_to_the_present__law(epochs):
     networks = [epoch.landscape.network.roads for epoch in epochs]
     changed = [
-        np.array([np.array_equal(road.then, road.now) and road.existed_then == road.exists_now
-                  for road in roads]) for roads in networks
-    ]  # fmt: skip
+        np.array(
+            [
+                np.array_equal(road.then, road.now) and road.existed_then == road.exists_now
+                for road in roads
+            ]
+        )
+        for roads in networks
+    ]
     for before, after in pairwise(changed):
         assert not (before & ~after).any()
         assert after.sum() > before.sum()
