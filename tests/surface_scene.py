@@ -175,7 +175,7 @@ def _grounds(plan, grid, rng):
     shape, gsd = (grid.rows, grid.columns), grid.ground_sample_distance_m
     hills = _waves(shape, 350 / gsd, rng)
     ground = LEVEL_M + hills * plan.relief_m / max(np.ptp(hills), 1e-9)
-    today, changed = ground.copy(), np.zeros(shape, dtype=bool)
+    today = ground.copy()
     rows, columns = np.mgrid[: shape[0], : shape[1]]
     for sign in (1, -1) if plan.changes_m else ():
         middle = np.array(shape) / 2 + rng.uniform(-0.18, 0.18, 2) * min(shape)
@@ -184,7 +184,8 @@ def _grounds(plan, grid, rng):
         # Slopes of 1 : 2.
         rise = np.clip(-away * gsd / 2, 0, plan.changes_m)
         today += sign * rise
-        changed |= rise > 1.0
+    # Where an embankment crosses a quarry both may cancel: what is level there has not changed.
+    changed = np.abs(today - ground) > 1.0
     noise = 0.15 * _waves(shape, 20 / gsd, rng)
     return ground, changed, today + noise
 
