@@ -172,6 +172,8 @@ REFERENCE = (
     Key("dem_sigma_m", "number", unit=METRES, asked="first"),
     Key("year", "number", unit=YEARS),
     Key("buildings", "file"),
+    Key("woods", "file"),
+    Key("water", "file"),
     Key("bridges", "file"),
     Key("mask", "file", asked="more"),
     Key("other", "tables"),

@@ -86,7 +86,7 @@ def make_mosaic(
 
     Args:
         session: Where results are kept.
-        project: For buildings, roads, dates and tones.
+        project: For what guides seams, for dates and tones.
         orthos: All orthos of the block.
         progress: Told per photo and tile; may raise `Cancelled`.
         anew: Compose every tile again.
@@ -128,7 +128,7 @@ def make_mosaic(
         if seams_part is not None:
             _remember_drawn(session, seams_part)
     products.save_value(SEAMS_DRAWN, inputs, (hand.before, hand.edits))
-    left = _far_buildings(project, guides) + _seams_left_out(session, edited)
+    left = _far_guides(project, guides) + _seams_left_out(session, edited)
     told = replace(composed, path=target, notes=(*left, *composed.notes))
     holes = _on_ground(composed.holes, project, session)
     return _kept(products, inputs, replace(told, holes=holes))
@@ -154,7 +154,10 @@ def _looked_at(project: Project) -> tuple[Any, ...]:
     """What of a project a mosaic hangs on, besides the orthos."""
     files, tone = project.reference, project.ortho.tone
     taken = sorted(project.taken.items())
-    return files.buildings, files.roads, taken, tone, files.ortho if tone == REFERENCE else ()
+    ortho = files.ortho if tone == REFERENCE else ()
+    # Without either, digests stay those of a mosaic that knew neither.
+    kinds = ((files.woods, files.water),) if files.woods or files.water else ()
+    return files.buildings, files.roads, taken, tone, ortho, *kinds
 
 
 def _like(project: Project, shown: Collection[str]) -> Ortho | str:
@@ -229,7 +232,7 @@ class ByHand:
 
 
 def check_guides(project: Project) -> tuple[str, ...]:
-    """What is to be told of the buildings that seams avoid, before anything is computed.
+    """What is to be told of what seams avoid, before anything is computed.
 
     Raises:
         ProjectError: The mosaic is to have the tone of what is not there.
@@ -244,31 +247,42 @@ def check_guides(project: Project) -> tuple[str, ...]:
             say("[ortho] tone: neither a scan nor a reference ortho is {tone!r}.", tone=tone),
             'Name a scan without its ending, "reference" where there is an ortho, or nothing.',
         )
-    if files.buildings is None:
+    if not any(_avoided(project).values()):
         return ()
     bounds = open_ortho(files.ortho, crs).bounds if files.ortho else None
-    return _far_buildings(project, seam_guides(project, bounds))
+    return _far_guides(project, seam_guides(project, bounds))
 
 
 def seam_guides(project: Project, bounds: Bounds | None) -> SeamGuides:
-    """Buildings and roads of a block within bounds, everywhere without any.
+    """What guides the seams of a block within bounds, everywhere without any.
 
     Raises:
-        ReferenceDataError: A layer cannot be read, or has no polygons where buildings are asked.
+        ReferenceDataError: A layer cannot be read, or has no polygons where they are asked for.
     """
     crs, reference = parse_crs(project.block.crs, project.file), project.reference
     roads, _ = _shapes(reference.roads, crs, bounds, 1)
-    if reference.buildings is None:
-        return SeamGuides((), roads)
-    buildings, other = _shapes((reference.buildings,), crs, bounds, 2)
-    if other and not buildings:
+    avoided = {
+        name: () if file is None else _outlines(file, crs, bounds)
+        for name, file in _avoided(project).items()
+    }
+    return SeamGuides(roads=roads, **avoided)
+
+
+def _avoided(project: Project) -> dict[str, Path | None]:
+    """The layers of polygons that seams avoid, by what they hold."""
+    files = project.reference
+    return {"buildings": files.buildings, "woods": files.woods, "water": files.water}
+
+
+def _outlines(file: Path, crs: CRS, bounds: Bounds | None) -> tuple[BaseGeometry, ...]:
+    found, other = _shapes((file,), crs, bounds, 2)
+    if other and not found:
         raise ReferenceDataError(
-            reference.buildings,
-            "it has no polygons in the block, so seams would cut houses.",
-            "Give the outlines of buildings as polygons: lines that close can be turned into them "
-            "in a GIS.",
+            file,
+            "it has no polygons in the block, so seams would not avoid what it holds.",
+            "Give outlines as polygons: lines that close can be turned into them in a GIS.",
         )
-    return SeamGuides(buildings, roads)
+    return found
 
 
 def _shapes(
@@ -285,12 +299,12 @@ def _shapes(
     return tuple(found), other
 
 
-def _far_buildings(project: Project, guides: SeamGuides) -> tuple[str, ...]:
-    """A note where buildings are named and none lies in the block."""
-    file = project.reference.buildings
-    if file is None or guides.buildings:
-        return ()
-    return (say("{name} has no building in the block, so seams avoid none.", name=file.name),)
+def _far_guides(project: Project, guides: SeamGuides) -> tuple[str, ...]:
+    """A note for each layer that seams should avoid and of which nothing lies in the block."""
+    alone = "{name} has nothing in the block that seams could avoid."
+    layers = _avoided(project).items()
+    far = [file for kind, file in layers if file is not None and not getattr(guides, kind)]
+    return tuple(say(alone, name=file.name) for file in far)
 
 
 def film_planes(session: Session, photo_ids: Sequence[str]) -> Mapping[str, FilmPlane]:

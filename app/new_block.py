@@ -97,6 +97,10 @@ class Recognition:
     """Road layers."""
     buildings: str | None
     """Building polygons."""
+    woods: str | None
+    """Wood polygons."""
+    water: str | None
+    """Water polygons."""
     bridges: str | None
     """Bridge polygons."""
     control: str | None
@@ -118,6 +122,8 @@ class Recognition:
             ("dem", ", ".join(self.dem)),
             ("roads", ", ".join(self.roads)),
             ("buildings", self.buildings or ""),
+            ("woods", self.woods or ""),
+            ("water", self.water or ""),
             ("bridges", self.bridges or ""),
             ("control", self.control or ""),
             ("sheets", self.sheets or ""),
@@ -195,6 +201,8 @@ def recognise_files(folder: Path, findings: Findings) -> Recognition:
         },
         tuple(dict.fromkeys(_relative(folder, layer.path) for layer in layers if _is_road(layer))),
         _polygons(folder, layers, "building", "budov", "house", "gebaeude"),
+        _polygons(folder, layers, "wood", "forest", "lesni", "wald"),
+        _polygons(folder, layers, "water", "vodni", "lake", "gewaesser"),
         _polygons(folder, layers, "bridge", "most"),
         _table(folder, findings, CONTROL_HEADER),
         _polygons(
@@ -268,7 +276,8 @@ def toml_of(found: Recognition, accepted: Mapping[str, Any] = MappingProxyType({
         )
     reference = (
         *files,
-        *_lines(roads=found.roads, buildings=found.buildings, bridges=found.bridges),
+        *_lines(roads=found.roads, buildings=found.buildings),
+        *_lines(woods=found.woods, water=found.water, bridges=found.bridges),
         *(
             f"{_line(key, sigma)}  # {EXPECTED[key]}: check"
             for key, sigma in found.sigmas_m.items()

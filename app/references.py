@@ -85,6 +85,10 @@ class ReferenceSection(DatedReference):
     """Road layers; without any, salient points of the ortho serve as control."""
     buildings: Path | None = None
     """Polygons that seams keep away from."""
+    woods: Path | None = None
+    """Polygons that seams cross less than fields."""
+    water: Path | None = None
+    """Polygons that seams cross still less."""
     bridges: Path | None = None
     """3D polygons that replace the DEM under them."""
     mask: Path | None = None
@@ -161,6 +165,8 @@ def read_reference(
         *_dated(table),
         table.files("roads"),
         table.file("buildings"),
+        table.file("woods"),
+        table.file("water"),
         table.file("bridges"),
         table.file("mask"),
         others,

@@ -3,8 +3,8 @@
 Every cell of the block gets the photo that shows it. The labels begin with the nearest nadir; then
 two neighbours at a time divide anew what both show (alpha-beta swap: Boykov, Veksler and Zabih
 2001) by the minimal cut through their differences of gray and gradient, coarse to fine in a band
-about the seam. Buildings repel seams, roads and field edges attract them, and a steep view of the
-ground is a mild wish.
+about the seam. Buildings repel seams, woods and water lengthen their way, roads and field edges
+attract them, and a steep view of the ground is a mild wish.
 """
 
 from collections.abc import Iterator, Sequence
@@ -37,6 +37,12 @@ ROAD_M = 2.5
 # design: half the length of a detour to a road is won back on it
 ROAD_SHARE = 0.5
 """Cost of a seam on a road as a share of that beside it."""
+# design: crowns lean away from each nadir; a wood is cut where the way round is twice as long
+WOOD_SHARE = 2.0
+"""Cost of a seam through a wood as a share of that through fields."""
+# design: waves and glints are others in each photo, even where a detail larger than a cell is alike
+WATER_SHARE = 4.0
+"""Cost of a seam over water as a share of that over fields."""
 # design: a way round of any length within the window is shorter than a metre through a house
 THROUGH_BUILDING = 1000.0
 """What a metre of seam near a building costs, metres of usual seam."""
@@ -78,6 +84,10 @@ class SeamGuides:
     """Polygons that seams keep away from."""
     roads: tuple[BaseGeometry, ...] = ()
     """Centre lines along which seams are welcome."""
+    woods: tuple[BaseGeometry, ...] = ()
+    """Polygons that seams cross where nothing shorter leads round."""
+    water: tuple[BaseGeometry, ...] = ()
+    """Polygons that seams cross still less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +111,7 @@ def label_ground(
 
     Args:
         views: The photos, in cells of one size on multiples of it.
-        guides: Buildings and roads.
+        guides: What seams keep away from and what they follow.
         by_nadir: Leave it at the nearest nadir, for comparison.
         progress: Told per pair of photos; may raise `Cancelled`.
     """
@@ -133,8 +143,8 @@ class _Ground:
     labels: Labels
     built: Cells
     """Share of each cell that is near a building."""
-    road: Cells
-    """Share of the cost of a seam, for roads."""
+    kind: Cells
+    """Share of the usual cost of a seam, by the kind of the ground."""
 
 
 def _nobody(grid: Grid) -> Labels:
@@ -159,13 +169,19 @@ def _begin(level: SeamLevel, labels: Labels) -> Labels:
 
 
 def _guiding(grid: Grid, guides: SeamGuides) -> tuple[Cells, Cells]:
-    """Share of each cell near buildings, and what of the usual cost a seam has on roads."""
+    """Share of each cell near buildings, and what of the usual cost a seam has on its kind."""
     cell = grid.ground_sample_distance_m
     near = shapely.buffer(np.array(guides.buildings, dtype=object), BUILDING_M + cell / 2)
     built = burn(((shape, 1) for shape in near), grid, empty=0, touched=True)
-    strips = shapely.buffer(np.array(guides.roads, dtype=object), max(ROAD_M, cell / 2))
-    road = burn(((shape, 1) for shape in strips), grid, empty=0)
-    share = np.where(road > 0, np.float32(ROAD_SHARE), np.float32(1))
+    roads = shapely.buffer(np.array(guides.roads, dtype=object), max(ROAD_M, cell / 2))
+    share = np.ones(built.shape, np.float32)
+    # A pond in a wood is water, and a road through either is a road.
+    for shapes, cost in (
+        (guides.woods, WOOD_SHARE),
+        (guides.water, WATER_SHARE),
+        (roads, ROAD_SHARE),
+    ):
+        share[burn(((shape, 1) for shape in shapes), grid, empty=0) > 0] = cost
     return built.astype(np.float32), share
 
 
@@ -247,12 +263,12 @@ def _cut(ground: _Ground, first: int, second: int, part: Part, free: Mask) -> No
     movable = pair & free & fulls[0] & fulls[1]
     if not movable.any():
         return
-    costs = _edge_costs(grays, fulls[0] & fulls[1], ground.built[part], ground.road[part], cell)
+    costs = _edge_costs(grays, fulls[0] & fulls[1], ground.built[part], ground.kind[part], cell)
     drawn = _flow(labels == first, labels == second, movable, wishes, costs)
     labels[movable] = np.where(drawn, first, second).astype(np.int16)
 
 
-def _edge_costs(grays: list[Cells], both: Mask, built: Cells, road: Cells, cell: float) -> Edges:
+def _edge_costs(grays: list[Cells], both: Mask, built: Cells, kind: Cells, cell: float) -> Edges:
     """Cost of a seam between each cell and the next, along rows and down columns, metres."""
     slopes = [np.gradient(gray) if min(gray.shape) > 1 else [gray * 0] * 2 for gray in grays]
     apart = np.abs(grays[0] - grays[1])
@@ -266,7 +282,7 @@ def _edge_costs(grays: list[Cells], both: Mask, built: Cells, road: Cells, cell:
         edge = np.minimum(*(np.abs(gray[after] - gray[before]) for gray in grays))
         edge = edge / _usual(edge, both[before] & both[after])
         cost = (LENGTH_COST + (unlike[before] + unlike[after]) / 2) / (1 + edge)
-        cost = cost * (road[before] + road[after]) / 2
+        cost = cost * (kind[before] + kind[after]) / 2
         cost = cost + THROUGH_BUILDING * np.maximum(built[before], built[after])
         costs.append((cell * cost).astype(np.float32))
     return costs[0], costs[1]

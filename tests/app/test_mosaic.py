@@ -220,10 +220,12 @@ def test_guides_are_the_polygons_and_lines_of_the_reference__truth(block):
     )
     path = project.folder / "houses.gpkg"
     write_polygons(path, "houses", [house, far], {}, crs=CRS)
-    given = replace(project, reference=ReferenceSection(buildings=path))
-    guides = seam_guides(given, (WEST, NORTH - 100, WEST + 100, NORTH))
-    assert [shape.equals(house) for shape in guides.buildings] == [True]
-    assert guides.roads == ()
+    for kind in ("buildings", "woods", "water"):
+        given = replace(project, reference=ReferenceSection(**{kind: path}))
+        guides = seam_guides(given, (WEST, NORTH - 100, WEST + 100, NORTH))
+        assert [shape.equals(house) for shape in getattr(guides, kind)] == [True]
+        others = {"roads", "buildings", "woods", "water"} - {kind}
+        assert not any(getattr(guides, other) for other in others)
 
 
 def test_buildings_that_are_lines_are_refused_and_nothing_is_written__truth(block):
@@ -272,7 +274,7 @@ def test_buildings_of_another_place_are_told__truth(block):
     far = shapely.box(WEST + 9000, NORTH - 210, WEST + 9020, NORTH - 190)
     write_polygons(path, "houses", [far], {}, crs=CRS)
     given = replace(project, reference=ReferenceSection(buildings=path))
-    said = ("houses.gpkg has no building in the block, so seams avoid none.",)
+    said = ("houses.gpkg has nothing in the block that seams could avoid.",)
     ground = write_raster(
         project.folder / "o.tif", np.full((1, 400, 600), 90, np.uint8), at(1.0), crs=CRS
     )

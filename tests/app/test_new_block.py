@@ -131,6 +131,8 @@ def test_what_is_missing_is_said_with_what_it_leaves_out__truth(tmp_path: Path) 
 
 def test_nothing_is_missed_that_is_there__truth(folder: Path) -> None:
     vector(folder / "budovy.gpkg", BOX, "Polygon", id="1")
+    vector(folder / "lesni_puda.gpkg", BOX, "Polygon", id="1")
+    vector(folder / "vodni_plocha.gpkg", BOX, "Polygon", id="1")
     vector(folder / "bridges.gpkg", BOX, "Polygon", id="1")
     vector(folder / "sm5.gpkg", BOX, "Polygon", name="Praha 7-1")
     (folder / "eo.csv").write_text("scan,X,Y,Z,omega_deg,phi_deg,kappa_deg\n")
@@ -141,6 +143,7 @@ def test_nothing_is_missed_that_is_there__truth(folder: Path) -> None:
         "bridges.gpkg",
         "sm5.gpkg",
     )
+    assert (found.woods, found.water) == ("lesni_puda.gpkg", "vodni_plocha.gpkg")
     assert (found.exterior, found.control) == ("eo.csv", "points.csv")
     assert [tell(f"gap.{gap.name}").split(":")[0] for gap in found.gaps] == [
         "the principal distance",

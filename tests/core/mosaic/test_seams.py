@@ -115,6 +115,20 @@ def test_a_seam_follows_a_road_near_its_way__truth(views):
     assert borders(outlined(plain)).intersection(road.buffer(5)).length < 0.1 * seams.length
 
 
+@pytest.mark.parametrize("kind", ["woods", "water"])
+def test_a_seam_goes_round_woods_and_water_unless_the_way_is_long__law(views, kind):
+    plain = [replace(v, gray=v.gray * 0 + np.float16(100)) for v in views[:2]]
+    middle = (plain[0].nadir[0] + plain[1].nadir[0]) / 2
+    straight = borders(outlined(plain))
+    wood = shapely.box(middle - 16, 2780, middle + 16, 2900)
+    assert straight.intersection(wood).length == pytest.approx(120, abs=CELL)
+    round_it = borders(outlined(plain, guides=SeamGuides(**{kind: (wood,)})))
+    assert round_it.intersection(wood.buffer(-CELL)).length == 0
+    across = shapely.box(0, 2820, 9999, 2860)
+    through = borders(outlined(plain, guides=SeamGuides(**{kind: (across,)})))
+    assert through.length == pytest.approx(straight.length, abs=4 * CELL)
+
+
 def test_seams_are_the_same_at_every_run__law(views):
     first, again = outlined(views), outlined(views)
     assert all(a.area.equals_exact(b.area) for a, b in zip(first, again, strict=True))
