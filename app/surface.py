@@ -10,7 +10,9 @@ from app.project import Project
 from core.adjustment.adjusted import AdjustmentReport
 from core.arrays import Mask
 from core.doubts import Failure
-from core.geometry.crs import Bounds
+from core.formats.vectors import read_mask_polygons
+from core.geometry.areas import Area, only_areas
+from core.geometry.crs import Bounds, parse_crs
 from core.orthos.bridges import with_bridges
 from core.orthos.scan_places import Heights
 from core.progress import Work
@@ -79,15 +81,9 @@ def make_block_surface(
     Returns:
         The surface, or why there is none; files of an earlier one are then removed.
     """
-    digest_of, block = session.products.digest_of, report.block
-    options = project.surface or SurfaceOptions()
-    photos = [
-        (photo, block.camera_of(name), photo.scan)
-        for name, photo in block.photos.items()
-        if photo.oriented
-    ]
-    ground = project.reference.dem or (dem.mean_height(),)
-    inputs = digest_of("surface", VERSION, photos, options.cell_m, ground, report.tie_positions)
+    digest_of, options = session.products.digest_of, project.surface or SurfaceOptions()
+    water = _water(project, report.block.bounds)
+    inputs = digest_of("surface", VERSION, *_looked_at(project, report, dem, water))
     files = SurfaceFiles.within(session.results)
     kept = None if anew else session.products.load_value("surface", digest_of(inputs, files.paths))
     if kept is not None and all(path.is_file() for path in files.paths):
@@ -99,13 +95,14 @@ def make_block_surface(
         with ExitStack() as stack:
             parts = [stack.enter_context(whole_file(path)) for path in files.paths]
             made = make_surface(
-                block,
+                report.block,
                 dem,
                 SurfaceFiles(*parts),
                 usable_parts(session),
                 ties=report.tie_positions,
                 options=options,
                 work=work.part(0.0, share),
+                water=water,
             )
             if isinstance(made, Failure):
                 raise _NothingMatched(made)
@@ -118,6 +115,31 @@ def make_block_surface(
     session.products.save_value("surface", digest_of(inputs, files.paths), product)
     make_layers(session, project, product, work.part(share, 1.0))
     return product
+
+
+def _looked_at(
+    project: Project, report: AdjustmentReport, dem: Dem, water: Area | None
+) -> tuple[object, ...]:
+    """What a surface hangs on."""
+    photos = [
+        (photo, report.block.camera_of(name), photo.scan)
+        for name, photo in report.block.photos.items()
+        if photo.oriented
+    ]
+    cell_m = (project.surface or SurfaceOptions()).cell_m
+    ground = project.reference.dem or (dem.mean_height(),)
+    wet = () if water is None else (project.reference.water,)
+    return photos, cell_m, ground, report.tie_positions, *wet
+
+
+def _water(project: Project, bounds: Bounds) -> Area | None:
+    """Where no surface is sought: water in the block, if a layer of it is given."""
+    file = project.reference.water
+    if file is None:
+        return None
+    crs = parse_crs(project.block.crs, project.file)
+    found = only_areas(read_mask_polygons(file, crs, bounds))
+    return None if found.is_empty else found
 
 
 def make_layers(

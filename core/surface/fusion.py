@@ -49,6 +49,12 @@ class CellHeights:
     pairs: UInt8[np.ndarray, "rows columns"]
     """Pairs that agree; nought in holes."""
 
+    def without(self, cells: Mask) -> "CellHeights":
+        """The surface with more holes."""
+        nothing = np.float32(np.nan)
+        heights, sigmas = (np.where(cells, nothing, one) for one in (self.heights, self.sigmas))
+        return CellHeights(heights, sigmas, np.where(cells, np.uint8(0), self.pairs))
+
 
 def object_points(pair: RectifiedPair, found: Parallaxes) -> tuple[ObjectPoints, Deviations]:
     """Where the rays of both photos meet, and the standard deviations of the heights, metres.

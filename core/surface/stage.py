@@ -12,6 +12,7 @@ from jaxtyping import Float64
 from core.arrays import Mask, ObjectPoints
 from core.block import Block
 from core.doubts import Failure
+from core.geometry.areas import Area
 from core.orthos.rectification import COMPRESSION_LEVEL
 from core.progress import Work
 from core.raster.dem import HeightSource
@@ -19,6 +20,7 @@ from core.raster.grid import (
     BLOCK_PX,
     Grid,
     Tile,
+    burn_area,
     tell_full_disk,
     tiled_profile,
     tiles_of,
@@ -155,6 +157,7 @@ def make_surface(
     ties: ObjectPoints,
     options: SurfaceOptions,
     work: Work,
+    water: Area | None = None,
 ) -> SurfaceProduct | Failure:
     """Make a surface from all sound pairs of an adjusted block.
 
@@ -166,6 +169,7 @@ def make_surface(
         ties: Adjusted tie points, metres, for how far the ground lies from the DEM.
         options: Size of the cells.
         work: Told after every tile; runs tiles side by side.
+        water: Waves and glints are others in each photo: nothing is known here.
 
     Returns:
         The surface, or why there is none. Cells that no pairs agree on are holes.
@@ -187,7 +191,7 @@ def make_surface(
     scans = open_scans(block, names, usable)
     reach = _reach_m(dem, ties)
     coarse = _coarse_start(_Level(scans, pairs, _coarse_grid(grid, pixel), dem, reach), work)
-    fine = _Level(scans, pairs, grid, coarse, FINE_REACH_M, pixel)
+    fine = _Level(scans, pairs, grid, coarse, FINE_REACH_M, pixel, water)
     shown, known, sigma = _write_surface(
         fine, files, block.crs, work.part(COARSE_SHARE, FINE_SHARE)
     )
@@ -224,6 +228,7 @@ class _Level:
     start: HeightSource
     reach_m: float
     pixel_m: float | None = None
+    water: Area | None = None
 
     @property
     def pixel(self) -> float:
@@ -253,7 +258,11 @@ class _Level:
             if len(points):
                 found.append(cell_heights(points, sigmas, cells, self.pixel))
                 photos.append((pair.left, pair.right))
-        return fuse_pairs(found, photos, cells), shown
+        fused = fuse_pairs(found, photos, cells)
+        if self.water is None:
+            return fused, shown
+        wet = burn_area(self.water, cells)
+        return fused.without(wet), shown & ~wet
 
 
 def _shown(pair: RectifiedPair, cells: Grid) -> Mask:

@@ -24,6 +24,7 @@ from app.surface import (
     surface_line,
 )
 from core.doubts import Failure
+from core.formats.vectors import write_polygons
 from core.geometry.robust import nmad
 from core.progress import Work
 from core.raster.dem import open_dem
@@ -90,6 +91,17 @@ def test_where_there_is_no_surface_none_is_left__truth(asked, tiny_run):
     assert isinstance(made, Failure)
     assert surface_line(made).startswith("no surface: No two photos")
     assert not any(path.exists() for path in files.paths)
+
+
+def test_on_water_nothing_is_measured__truth(asked, tiny_run, tmp_path):
+    session, project = asked
+    report = session.products.latest_value("adjustment")
+    sea = shapely.box(*report.block.bounds).buffer(100)
+    write_polygons(tmp_path / "water.gpkg", "water", [sea], {}, crs=report.block.crs)
+    at_sea = replace(project.reference, water=tmp_path / "water.gpkg")
+    wet = replace(project, reference=at_sea)
+    made = make_block_surface(session, wet, report, tiny_run.reference.dem, Work())
+    assert surface_line(made).startswith("no surface: Nothing of the ground was matched")
 
 
 def test_it_is_walked_only_where_somebody_asks__law(tiny_run):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rasterio
+import shapely
 from scipy import ndimage
 
 from core.doubts import Failure
@@ -129,6 +130,27 @@ def test_what_is_masked_is_a_hole__truth(scene, surface, tmp_path):
     )
     known = (~band_of(surface.files.count).mask).sum()
     assert 0.4 * known < (~band_of(masked.files.count).mask).sum() < 0.75 * known
+
+
+def test_water_is_a_hole_and_does_not_count_as_incomplete__law(scene, surface, tmp_path):
+    west, south, east, north = surface.grid.bounds
+    lake = shapely.box((west + east) / 2, south, east, north)
+    made = make_surface(
+        scene.block,
+        scene,
+        SurfaceFiles.within(tmp_path),
+        everything,
+        ties=np.zeros((0, 3)),
+        options=SurfaceOptions(CELL_M),
+        work=Work(),
+        water=lake,
+    )
+    dry, count = surface.grid.columns // 2, band_of(made.files.count)
+    assert count[:, dry + 1 :].mask.all()
+    np.testing.assert_array_equal(
+        count[:, : dry - 1].filled(0), band_of(surface.files.count)[:, : dry - 1].filled(0)
+    )
+    assert made.completeness == pytest.approx(surface.completeness, abs=0.05)
 
 
 def test_photos_from_one_place_make_no_surface__truth(scene, tmp_path):
