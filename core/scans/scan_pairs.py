@@ -5,8 +5,8 @@ does not. Overlapping photos are matched as they are and mirrored; pairs that ma
 have been scanned from different sides.
 """
 
-from collections.abc import Mapping, Sequence
-from itertools import combinations
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice, product
 from typing import Any, cast
 
 import cv2
@@ -35,6 +35,11 @@ SAME = 0.80  # design: one photo scanned twice differs by grain and dust
 """Correlation of the pictures' hearts from which two scans show one photo."""
 SHIFT_CELLS = 4  # design: 7 mm, for a frame whose border was not seen
 """How far the frames of two scans of one photo may have been found apart, cells."""
+GLANCE_CELLS = 4  # design: a shift within reach is one of them at most
+"""Cells that make one for a first glance at all pairs."""
+# design: half of what one photo scanned twice reaches; photos of other ground reach 0.3 by chance
+GLANCE = 0.4
+"""Correlation at a glance from which two scans are compared."""
 MATCH_PX = 640  # design: details of 0.4 mm on the film, which neighbours show alike
 """Longer side of the scans that are matched as they are and mirrored."""
 INSET = 0.06  # design: as far as soft borders and marks reach
@@ -52,6 +57,10 @@ LEAST_ALIKE, LEAST_MATCHES = (
 """Matches that agree, from which a pair counts, and matches from which they are compared at all."""
 AHEAD = 3.0  # design: of the wrong side only matches of chance agree
 """How many times more must agree mirrored than direct, or the other way round."""
+NEIGHBOURS = 12  # design: three photos along the film, and what a strip of ten has beside it
+"""Photos that follow in the order of names and are matched in any case."""
+MOST_PAIRS = 24  # design: strips of forty photos beside each other are joined
+"""Pairs matched per photo at most, however many photos there are."""
 Descriptors = Float32[np.ndarray, "_ _"]
 Points = Float32[np.ndarray, "_ 2"]
 Features = tuple[Points, Descriptors]
@@ -79,15 +88,41 @@ def look_from(look: np.ndarray, way: Way) -> np.ndarray:
 
 def same_photo(looks: Mapping[str, Look]) -> tuple[Doubt, ...]:
     """A doubt for every two scans that show one photo, however they lie."""
-    hearts = {name: _high_pass(look) for name, look in looks.items()}
-    names = sorted(hearts)
+    hearts = {name: _high_pass(looks[name]) for name in sorted(looks)}
     doubts: list[Doubt] = []
-    for i, first in enumerate(names):
-        for second in names[i + 1 :]:
-            best = max(_alike(hearts[first], look_from(hearts[second], way)) for way in WAYS)
-            if best > SAME:
-                doubts.append(_same(first, second, best))
+    for first, second in _alike_at_a_glance(hearts):
+        best = max(_alike(hearts[first], look_from(hearts[second], way)) for way in WAYS)
+        if best > SAME:
+            doubts.append(_same(first, second, best))
     return tuple(doubts)
+
+
+def _alike_at_a_glance(hearts: Mapping[str, Heart]) -> Iterator[tuple[str, str]]:
+    """Pairs that may show one photo: reduced, all are compared by a product of matrices."""
+    if len(hearts) < 2:
+        return
+    names = list(hearts)
+    side = next(iter(hearts.values())).shape[0] // GLANCE_CELLS
+    small = [
+        cv2.resize(heart, (side, side), interpolation=cv2.INTER_AREA) for heart in hearts.values()
+    ]
+    best = np.full((len(names), len(names)), -1.0, np.float32)
+    still = _inner(small, (1, 1))
+    for way in WAYS:
+        turned = [look_from(one, way) for one in small]
+        for shift in product(range(3), repeat=2):
+            np.maximum(best, still @ _inner(turned, shift).T, out=best)
+    for first, second in np.argwhere(np.triu(best > GLANCE, 1)).tolist():
+        yield names[first], names[second]
+
+
+def _inner(small: Sequence[np.ndarray], shift: tuple[int, ...]) -> Float32[np.ndarray, "_ _"]:
+    """The insides of small pictures at a shift, a row each, of unit length."""
+    row, column = shift
+    high, wide = (side - 2 for side in small[0].shape)
+    rows = np.stack([one[row : row + high, column : column + wide].ravel() for one in small])
+    rows = rows - rows.mean(axis=1, keepdims=True)
+    return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), np.float32(1e-6))
 
 
 def _high_pass(look: Look) -> Heart:
@@ -136,14 +171,29 @@ def sides_shown(scans: Mapping[str, tuple[ScanFile, FilmArea]]) -> list[dict[str
     behind = {
         name: _details(np.ascontiguousarray(gray[:, ::-1])) for name, gray in pictures.items()
     }
-    pairs: list[tuple[int, str, str, bool]] = []
-    for first, second in combinations(sorted(scans), 2):
+    names, pairs = sorted(scans), list[tuple[int, str, str, bool]]()
+    group = {name: name for name in names}
+    for first, second in islice(_by_distance(names, group), MOST_PAIRS * len(names)):
         as_is = _agreeing(direct[first], direct[second])
         turned = _agreeing(direct[first], behind[second])
         more, fewer = max(as_is, turned), min(as_is, turned)
         if more >= LEAST_ALIKE and more >= AHEAD * fewer:
             pairs.append((more, first, second, turned > as_is))
+            moved = group[second]
+            group |= {name: group[first] for name in names if group[name] == moved}
     return _groups(tuple(scans), pairs)
+
+
+def _by_distance(names: Sequence[str], group: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Pairs of photos, those first whose names follow each other.
+
+    Farther ones only if they do not hang together when their turn comes: strips that follow the
+    same direction are joined so, and all pairs of a roll of hundreds need not be matched.
+    """
+    for apart in range(1, len(names)):
+        for first, second in zip(names, names[apart:], strict=False):
+            if apart <= NEIGHBOURS or group[first] != group[second]:
+                yield first, second
 
 
 def front_is(sides: Mapping[str, bool], known: Mapping[str, bool]) -> bool | None:
