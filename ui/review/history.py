@@ -462,12 +462,16 @@ def taken_back(
 def asked_back(
     decision_id: int, recorded: Sequence[Recorded], seat: Seat, *, again: bool
 ) -> tuple[tuple[Withdraw, ...], Seat, Notice | None]:
-    """The same for a seat, which asks first where undo would; undo answers it."""
+    """The same for a seat, which asks first where undo would; undo answers it.
+
+    A withdrawal is an undo of one decision: what brings it back is redo, and is told at once.
+    """
     turned, notice = taken_back(decision_id, recorded, seat.operator, again=again)
     if turned and not again:
         item = next(one for one in recorded if one.decision_id == decision_id)
         if about := _undo_question(item, recorded):
             return (), replace(seat, turning=(decision_id, about)), None
+        notice = Notice("notice.withdrawn")
     return turned, seat, notice
 
 

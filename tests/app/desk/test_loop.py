@@ -546,6 +546,13 @@ def test_any_decision_of_a_history_is_taken_back_by_itself__law(desk: Any):
     desk.settled(1)
     assert desk.glass.row(first)[3] == "auto"
     assert desk.glass.row(second)[3] == "accepted"
+    # Undo takes the decision before it: that redo restores it is told at once.
+    assert ("anna-1", "notice.withdrawn") in desk.glass.notices
+    desk.loop.submit(Redone("anna-1"))
+    desk.settled(2)
+    assert desk.glass.row(first)[3] == "rejected"
+    desk.loop.submit(TakenBack("anna-1", history[0]["id"]))
+    desk.settled(1)
     # Asked twice, as by a click on what an undo has just taken back: it is not decided again.
     desk.loop.submit(TakenBack("anna-1", history[0]["id"]))
     desk.glass.until(lambda glass: ("anna-1", "notice.turned") in glass.notices)
