@@ -1,9 +1,9 @@
-"""Which edits of the seams stand: one laid anew takes the place of what it replaces."""
+"""Which edits of the seams stand, one laid anew in the place of what it replaces; which not."""
 
 from collections.abc import Sequence
 
 from core.mosaic.seam_edits import SeamArea, SeamEdit, SeamLine
-from sessions.decisions import Recorded, standing
+from sessions.decisions import Recorded, standing, withdrawals
 
 
 def standing_seams(decisions: Sequence[Recorded]) -> tuple[tuple[Recorded, SeamEdit], ...]:
@@ -27,3 +27,13 @@ def standing_seams(decisions: Sequence[Recorded]) -> tuple[tuple[Recorded, SeamE
 def standing_seam_edits(decisions: Sequence[Recorded]) -> tuple[SeamEdit, ...]:
     """The edits alone, in the same order."""
     return tuple(edit for _, edit in standing_seams(decisions))
+
+
+def withdrawn_seams(decisions: Sequence[Recorded]) -> tuple[tuple[Recorded, SeamEdit, str], ...]:
+    """What was drawn on the mosaic and no longer stands, as recorded, and who withdrew it."""
+    back = withdrawals(decisions)
+    return tuple(
+        (item, item.decision, back[item.decision_id].who)
+        for item in decisions
+        if isinstance(item.decision, SeamLine | SeamArea) and item.decision_id in back
+    )

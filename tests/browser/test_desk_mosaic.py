@@ -234,6 +234,7 @@ def move_corners(page: Any, desk: RealDesk, corners: list[list[float]]) -> None:
     page.mouse.down()
     page.mouse.move(*on_screen(page, "right", moved), steps=5)
     page.mouse.up()
+    assert page.locator(".decided.on b").inner_text() == "1", "the edit in hand is named"
     half = np.mean([corners[0], moved], axis=0).tolist()
     page.mouse.click(*on_screen(page, "right", half))
     assert len(page.evaluate("gruber.mosaicState().edit.places")) == 5
@@ -245,6 +246,12 @@ def move_corners(page: Any, desk: RealDesk, corners: list[list[float]]) -> None:
     assert len(page.evaluate("gruber.mosaicState().found.edits")) == 1
     page.keyboard.press("u")
     page.wait_for_function("gruber.mosaicState().found.edits[0].places.length === 4")
+    page.click(".decided.withdrawn button")
+    page.wait_for_function("gruber.mosaicState().found.edits[0].places.length === 5")
+    assert page.locator(".decided.withdrawn").count() == 0
+    page.click(".decided button >> text=Withdraw")
+    page.wait_for_function("gruber.mosaicState().found.edits[0].places.length === 4")
+    page.evaluate("document.activeElement.blur()")
 
 
 def test_a_seam_is_drawn_undone_and_drawn_into_the_file__law(

@@ -29,7 +29,7 @@ from core.raster.holes import Hole
 from core.scans.fiducials import HAND_SIGMA_PX
 from sessions.decisions import Recorded, Remark
 from sessions.remarks import standing_faults
-from sessions.seam_decisions import standing_seams
+from sessions.seam_decisions import standing_seams, withdrawn_seams
 from ui.review.history import subject_of
 from ui.review.judgement import footprint_polygons
 from ui.review.looks import short
@@ -211,14 +211,15 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
         "changed": None if shown.changed is None else [round(v, 2) for v in shown.changed],
         "edits": [
             {
-                "id": item.decision_id,
-                "who": item.who,
-                "when": item.when[:16],
-                "area": isinstance(edit, SeamArea),
-                "what": subject_of(edit),
+                **_edit_line(item, edit),
+                "turn": turn,
                 "places": edit.outline if isinstance(edit, SeamArea) else edit.line,
             }
-            for item, edit in reversed(standing_seams(desk.recorded))
+            for turn, (item, edit) in reversed([*enumerate(standing_seams(desk.recorded), 1)])
+        ],
+        "withdrawn": [
+            {**_edit_line(item, edit), "by": by}
+            for item, edit, by in reversed(withdrawn_seams(desk.recorded))
         ],
         "seams": [_seam(seam, gsd) for seam in shown.seams],
         "borders": {
@@ -242,6 +243,17 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
             }
             for one in shown.misfit[:MISFITS_TOLD]
         ],
+    }
+
+
+def _edit_line(item: Recorded, edit: SeamEdit) -> Part:
+    """What is told of an edit of the seams, whether it stands or was withdrawn."""
+    return {
+        "id": item.decision_id,
+        "who": item.who,
+        "when": item.when[:16],
+        "area": isinstance(edit, SeamArea),
+        "what": subject_of(edit),
     }
 
 

@@ -386,8 +386,13 @@ interface Eye {
 }
 /** The part of the mosaic that one photo shows, metres east and north. */
 interface SeamOf { photo: string; date: string; label: Pair; rings: Pair[][] }
-interface SeamEdited {
+interface SeamDecided {
   id: number; who: string; when: string; area: boolean; what: string;
+}
+/** An edit that stands. */
+interface SeamEdited extends SeamDecided {
+  /** Its turn among those that stand, from 1: later ones lie over earlier ones. */
+  turn: number;
   /** Corners, metres east and north. */
   places: Pair[];
 }
@@ -413,6 +418,8 @@ interface Mosaic {
   /** Where: west, south, east, north, metres. */
   changed?: number[] | null;
   edits?: SeamEdited[];
+  /** Edits that no longer stand, newest first. */
+  withdrawn?: (SeamDecided & { by: string })[];
   /** Where the mosaic is likely wrong, worst first; metres. */
   misfits?: MisfitPlace[];
   /** Open ones first. */

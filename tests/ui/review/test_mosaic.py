@@ -18,10 +18,11 @@ from core.mosaic.seams import Seam
 from core.quality.check_plan import CheckPlace
 from core.raster.grid import Grid
 from core.raster.holes import Hole
-from sessions.decisions import Recorded
+from sessions.decisions import Recorded, Withdraw
 from tests.ui.desk_block import OPTIONS, outlines, tiny_snapshot
 from ui.review.checking import seat_checks
 from ui.review.gestures import LOOKING, gesture_from_message
+from ui.review.history import asked_back
 from ui.review.judgement import judge_desk
 from ui.review.mosaic import (
     MosaicPicked,
@@ -139,6 +140,25 @@ def test_corners_of_a_line_are_moved_over_the_seams_before_it__law(desk: DeskSna
     (moved,) = outcome(nearer, now).decisions
     assert isinstance(moved, SeamLine)
     assert (moved.first, moved.second, moved.replaces) == (WEST, EAST, 7)
+
+
+def test_withdrawn_edits_are_told_beside_those_that_stand__law(desk: DeskSnapshot) -> None:
+    line = SeamLine(WEST, EAST, ((1.0, 2.0), (3.0, 4.0)))
+    moved = replace(line, line=((1.0, 2.0), (3.0, 5.0)), replaces=1)
+    said = (line, SeamArea(EAST, (*line.line, (0.0, 9.0))), moved, Withdraw(3))
+    recorded = tuple(Recorded(n, "2026-01-01", "anna", one) for n, one in enumerate(said, 1))
+
+    def told(recorded: tuple[Recorded, ...]) -> tuple[list[list[int]], list[int]]:
+        part = mosaic_part(replace(desk, recorded=recorded))
+        standing = [[one["turn"], one["id"]] for one in part["edits"]]
+        return standing, [one["id"] for one in part["withdrawn"]]
+
+    # Before its corners were moved, the line was as it is again now.
+    assert told(recorded[:3]) == ([[2, 2], [1, 3]], [])
+    assert told(recorded) == ([[2, 2], [1, 1]], [3])
+    again = asked_back(3, recorded, Seat("s", "berta"), again=True)[0]
+    assert again == (Withdraw(4),)
+    assert told((*recorded, Recorded(5, "2026-01-01", "berta", *again)))[1] == []
 
 
 def test_seams_edited_outside_hold_alone__law(desk: DeskSnapshot) -> None:

@@ -1,6 +1,6 @@
 // Seams drawn by hand: a line that a seam follows, or the outline of what one photo shows.
 import { photoAt } from "./mosaic_marks.js";
-import { halo } from "./overlay.js";
+import { halo, text } from "./overlay.js";
 import { element, shortName, start, undivided, word } from "./words.js";
 import { send } from "./wire.js";
 
@@ -59,7 +59,7 @@ function aroundAll(places) {
   return [west - room, south - room, east + room, north + room];
 }
 
-/** @param {SeamEdited} edit @returns {Tool} */
+/** @param {SeamDecided} edit @returns {"line" | "area"} */
 const toolOf = ({ area }) => (area ? "area" : "line");
 
 /** The photo that shows a place, unless a hand chose one. @param {Pair} place */
@@ -97,32 +97,49 @@ export function editTools(found, picked) {
 }
 
 /**
- * Every edit that stands.
+ * Every edit that stands, and those that were withdrawn.
  * @param {Mosaic} found @param {string} button what the button is called that writes the file
  * @param {(bounds: number[]) => void} frame shows west, south, east, north
  */
-export function editSide({ edition, edits = [] }, button, frame) {
+export function editSide({ edition, edits = [], withdrawn = [] }, button, frame) {
   const pending = edition ? [element("p", { id: "mosaic-pending", class: "doubted" },
     word("mosaic.edit.pending", { button }))] : [];
-  const title = edits.length || edition ? [element("h3", {}, word("mosaic.edit"))] : [];
-  return [...title, ...pending, ...edits.map((edit) => line(edit, frame))];
+  const title = edits.length || withdrawn.length || edition
+    ? [element("h3", {}, word("mosaic.edit"))] : [];
+  return [...title, ...pending, ...edits.map((edit) => line(edit, frame)),
+    ...withdrawn.map(withdrawnLine)];
 }
+
+/** Of which photos an edit is. @param {SeamDecided} edit */
+const photosOf = ({ what }) => what.split(" | ").map(shortName).join(" | ");
+
+/** What it is, and whose. @param {SeamDecided} edit */
+const sentence = (edit) => word(`mosaic.edit.did.${toolOf(edit)}`,
+  { what: photosOf(edit), who: edit.who, when: undivided(edit.when) });
 
 /** @param {SeamEdited} edit @param {(bounds: number[]) => void} frame */
 const line = (edit, frame) => {
-  const { id, who, when, what } = edit;
-  return element("p", { class: "decided" }, word(`mosaic.edit.did.${toolOf(edit)}`, {
-    what: what.split(" | ").map(shortName).join(" | "), who, when: undivided(when),
-  }),
-  element("button", { class: "small", disabled: start.guest, "aria-pressed":
-    `${state.of?.id === id}`, title: word("mosaic.edit.corners.tip"), onclick: () => {
-      frame(aroundAll(edit.places));
-      takeUp(edit);
-    } },
-  word("mosaic.edit.corners")),
-  element("button", { class: "small", disabled: start.guest, title: word("history.back.tip"),
-    onclick: () => send({ kind: "back", decision: id }) }, word("history.back")));
+  const { id, turn } = edit;
+  const inHand = state.of?.id === id;
+  return element("p", { class: `decided${inHand ? " on" : ""}`, "data-edit": id },
+    element("b", {}, `${turn}`), element("span", {}, sentence(edit)),
+    element("button", { class: "small", disabled: start.guest, "aria-pressed": `${inHand}`,
+      title: word("mosaic.edit.corners.tip"), onclick: () => {
+        frame(aroundAll(edit.places));
+        takeUp(edit);
+      } }, word("mosaic.edit.corners")),
+    turning("history.back", id));
 };
+
+/** @param {SeamDecided & { by: string }} edit */
+const withdrawnLine = (edit) => element("p", { class: "decided withdrawn", "data-edit": edit.id,
+  title: word("history.by", { who: edit.by }) }, element("span", {}, sentence(edit)),
+turning("history.again", edit.id));
+
+/** @param {"history.back" | "history.again"} act @param {number} decision */
+const turning = (act, decision) => element("button", { class: "small", disabled: start.guest,
+  title: word(`${act}.tip`),
+  onclick: () => send({ kind: "back", decision, again: act === "history.again" }) }, word(act));
 
 /**
  * A corner more: in the side it is put on, else behind the last one.
@@ -241,8 +258,10 @@ export function editKey(name, cursor, onScreen) {
 export function drawEdit(context, onScreen, cursor) {
   const { tool, places, gripped, of } = state;
   context.strokeStyle = INK;
-  for (const laid of handles()) {
-    for (const [x, y] of laid.places.map(onScreen)) context.strokeRect(x - 3, y - 3, 6, 6);
+  for (const { places: laid, turn } of handles()) {
+    const corners = laid.map(onScreen);
+    for (const [x, y] of corners) context.strokeRect(x - 3, y - 3, 6, 6);
+    named(context, `${turn}`, corners[0]);
   }
   if (!places.length) return;
   const ahead = cursor && gripped < 0 && !of ? [...places, cursor] : places;
@@ -251,8 +270,14 @@ export function drawEdit(context, onScreen, cursor) {
     if (tool === "area") context.closePath();
   });
   context.fillStyle = INK;
-  for (const [x, y] of places.map(onScreen)) context.fillRect(x - 3, y - 3, 6, 6);
+  const corners = places.map(onScreen);
+  for (const [x, y] of corners) context.fillRect(x - 3, y - 3, 6, 6);
+  if (of) named(context, `${of.turn} \u00b7 ${photosOf(of)}`, corners[0]);
 }
+
+/** The number of an edit in the list, at its first corner. @param {Context} context */
+const named = (context, /** @type {string} */ words, /** @type {Pair} */ [x, y]) =>
+  text(context, words, [x + 7, y - 7], INK);
 
 export const editState = () => {
   const { tool, places, photo, said, of } = state;
