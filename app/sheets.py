@@ -8,7 +8,7 @@ from typing import Any
 
 import shapely
 
-from app.orthos import read_polygons
+from app.orthos import read_area, read_polygons
 from app.project import Project
 from core.errors import ProjectError
 from core.geometry.areas import Area, only_areas
@@ -17,7 +17,15 @@ from core.progress import Progress
 from core.raster.ortho import open_ortho
 from core.said import Said, say
 from core.sheets.delivery import CHECK_SUMS, INDEX, Delivery, SheetFile
-from core.sheets.map_sheets import MapSheet, read_sheet_index, state_map_sheets
+from core.sheets.map_sheets import (
+    Corner,
+    MapSheet,
+    corner_line,
+    read_sheet_index,
+    state_map_sheets,
+    unknown_corners,
+)
+from core.sheets.pixels import target_system
 from core.sheets.stage import VERSION, SheetOptions, cut_sheets
 from sessions.atomic_write import whole_file, whole_folder
 from sessions.checks import version_on_disk
@@ -27,6 +35,8 @@ from sessions.session import Session
 
 FOLDER = "sheets"
 """Folder of the sheets among the results."""
+WIDEST_M = 200_000.0  # design: wider than any block, narrower than a web map of a country.
+"""A reference that is wider does not say where the mosaic will lie, metres."""
 COMPANIONS: Mapping[str, tuple[str, ...]] = {
     ".tif": (".tfw",),
     ".jp2": (".j2w", ".jp2.msk", ".jp2.aux.xml"),
@@ -41,8 +51,10 @@ def check_sheets(project: Project) -> tuple[MapSheet, ...]:
 
     Raises:
         ProjectError: No sheets are named, or their files need a year that nobody states.
-        ReferenceDataError: The index cannot be used.
-        CrsError: Index or border lie in a CRS that PROJ cannot bring to the block's.
+        ReferenceDataError: The index cannot be used, or the rule knows no sheet where the
+            reference lies.
+        CrsError: Index or border lie in a CRS that PROJ cannot bring to the block's, or sheets are
+            wanted in one that it cannot be brought to.
     """
     section, crs = project.sheets, project.block.crs
     if not section.asked:
@@ -60,13 +72,54 @@ def check_sheets(project: Project) -> tuple[MapSheet, ...]:
             photo=undated[0],
         )
     read_border(project)
+    ground = _likely_ground(project)
+    if ground is not None:
+        for text in section.crs:
+            target_system(text, crs, ground.bounds, f"{project.file} [sheets] crs")
+        _unnamed_corners(project, ground)
     return () if section.index is None else read_sheet_index(section.index, crs)
 
 
-def far_sheets(project: Project, sheets: Sequence[MapSheet]) -> tuple[str, ...]:
-    """A note where no sheet of the index lies where the reference does; its place is told early."""
+def _likely_ground(project: Project) -> Area | None:
+    """Where the mosaic will lie, as far as area and reference say; None where they do not.
+
+    A web map of a country says nothing of where in it the block lies.
+    """
+    area, files = read_area(project), project.reference.ortho
+    if not files:
+        return area
+    bounds = open_ortho(files, project.block.crs).bounds
+    ground = shapely.box(*bounds) if area is None else only_areas(area & shapely.box(*bounds))
+    west, south, east, north = ground.bounds
+    known = not ground.is_empty and max(east - west, north - south) <= WIDEST_M
+    return ground if known else None
+
+
+def _unnamed_corners(project: Project, ground: Area) -> tuple[Corner, ...]:
+    """Corners of the sheets 1:50 000 over ground for which the rule has no letters."""
+    section = project.sheets
+    if section.index is not None:
+        return ()
+    return unknown_corners(ground, project.block.crs, section.sm50, _place_of_rule(project))
+
+
+def _place_of_rule(project: Project) -> str:
+    return f"{project.file} [sheets] rule"
+
+
+def sheet_notes(project: Project, sheets: Sequence[MapSheet]) -> tuple[Said, ...]:
+    """A note where sheets of the index or the rule do not fit the reference; told early.
+
+    Args:
+        project: Which sheets, and where the block lies.
+        sheets: Those of `check_sheets`.
+    """
     index, files = project.sheets.index, project.reference.ortho
-    if index is None or not files:
+    if index is None:
+        ground = _likely_ground(project)
+        unnamed = () if ground is None else _unnamed_corners(project, ground)
+        return (_letters_note(unnamed),) if unnamed else ()
+    if not files:
         return ()
     ground = shapely.box(*open_ortho(files, project.block.crs).bounds)
     if any(sheet.area.intersects(ground) for sheet in sheets):
@@ -80,6 +133,16 @@ def far_sheets(project: Project, sheets: Sequence[MapSheet]) -> tuple[str, ...]:
             count=len(sheets),
         ),
     )
+
+
+def _letters_note(unnamed: Sequence[Corner]) -> Said:
+    east, north = unnamed[0]
+    return say(
+        "The letters of {count:# sheet|# sheets} 1:50 000 on the reference are not known, such as "
+        "the one with its north-east corner at {corner} (EPSG:5514): where the mosaic reaches "
+        "there, no sheets can be cut. Give the letters in [sheets], {line}.",
+        count=len(unnamed), corner=f"[{east:.0f}, {north:.0f}]", line=corner_line(unnamed[0]),
+    )  # fmt: skip
 
 
 def read_border(project: Project) -> Area | None:
@@ -126,7 +189,7 @@ def make_sheets(
     if kept is not None and fresh and kept.mosaic == version:
         return replace(kept, made=0)
     sheets = check_sheets(project)
-    where = project.sheets.index or f"{project.file} [sheets] rule"
+    where = project.sheets.index or _place_of_rule(project)
     if project.sheets.index is None:
         shown = only_areas(shapely.union_all([seam.area for seam in mosaic.seams]))
         sheets = state_map_sheets(shown, project.block.crs, project.sheets.sm50, where)

@@ -8,10 +8,10 @@ from typing import cast
 
 from app.block_sections import check_attribute, refusing
 from app.block_toml import Document, Table
-from core.geometry.crs import read_crs
 from core.said import say
 from core.sheets.cutting import Form
 from core.sheets.map_sheets import NAME, Corner, check_corners
+from core.sheets.pixels import metric_crs
 from core.sheets.stage import LOSSY_PERCENT
 
 PRODUCT = re.compile(r"[A-Z]{4}")
@@ -60,7 +60,7 @@ def sheets_section(document: Document) -> SheetsSection:
     if index is not None:
         check_attribute(ortho, "sheets", index, "sheets", NAME)
     for crs in (systems := table.words("crs")):
-        refusing(table, "crs", lambda crs=crs: read_crs(crs, ""))
+        refusing(table, "crs", lambda crs=crs: metric_crs(crs, ""))
     product = table.text("product")
     if product and not PRODUCT.fullmatch(product):
         remedy = 'Write its four capital letters: "ORTO".'

@@ -6,7 +6,7 @@ from app.mosaic import check_guides
 from app.orthos import check_area
 from app.project import Project
 from app.report.wording import remarks
-from app.sheets import check_sheets, far_sheets
+from app.sheets import check_sheets, sheet_notes
 from app.surface import check_surface
 from core.adjustment.adjusted import AdjustmentReport
 from core.doubts import Doubt
@@ -96,7 +96,7 @@ def notes_ahead(names: Collection[str], project: Project) -> list[str]:
         check_area(project)
     notes = [*check_guides(project)] if "mosaic" in names else []
     if "sheets" in names:
-        notes += far_sheets(project, check_sheets(project))
+        notes += sheet_notes(project, check_sheets(project))
     return notes
 
 

@@ -237,12 +237,36 @@ def state_map_sheets(
         ReferenceDataError: The letters of a sheet are not known.
         CrsError: The block does not lie in Czechia or Slovakia.
     """
+    sheets, unknown = _sheets_over(shown, crs, given, where)
+    if unknown:
+        raise _unknown_letters(unknown[0], where)
+    return sheets
+
+
+def unknown_corners(
+    ground: Polygon | MultiPolygon, crs: str, given: Mapping[str, Corner], where: str | Path
+) -> tuple[Corner, ...]:
+    """Corners of the SM50 sheets over ground that may be shown whose letters are not known.
+
+    Raises:
+        ReferenceDataError: Those of no sheet are known.
+        CrsError: The ground does not lie in Czechia or Slovakia.
+    """
+    sheets, unknown = _sheets_over(ground, crs, given, where)
+    if unknown and not sheets:
+        raise _unknown_letters(unknown[0], where)
+    return unknown
+
+
+def _sheets_over(
+    ground: Polygon | MultiPolygon, crs: str, given: Mapping[str, Corner], where: str | Path
+) -> tuple[tuple[MapSheet, ...], tuple[Corner, ...]]:
+    """The SM5 sheets over ground in the block's CRS, and corners whose letters nobody knows."""
     check_corners(given, where)
     corners = {**SM50_CORNERS, **given}
-    to_block = _to_block(shown, crs, where)
-    ground = shown
+    to_block = _to_block(ground, crs, where)
     if to_block is not None:
-        ground = shapely.transform(shown, to_block.backward)
+        ground = shapely.transform(ground, to_block.backward)
     sheets: dict[str, MapSheet] = {}
     unknown: dict[Corner, None] = {}
     for cell in _cells(ground.bounds):
@@ -257,17 +281,23 @@ def state_map_sheets(
         # Neighbours share their corners: drawn straight between them, they still meet.
         moved = area if to_block is None else shapely.transform(area, to_block.forward)
         sheets[name] = MapSheet(name, moved)
-    if unknown:
-        east, north = next(iter(unknown))
-        raise ReferenceDataError(
-            where,
-            "nobody knows the four letters of the sheet 1:50 000 with its north-east corner at "
-            "{corner} (EPSG:5514).",
-            "Give them in [sheets], {line}, or an index layer, [ortho] sheets.",
-            corner=f"[{east:.0f}, {north:.0f}]",
-            line=f"sm50 = {{ ABCD = [{east:.0f}, {north:.0f}] }}",
-        )
-    return tuple(sheets[name] for name in sorted(sheets))
+    return tuple(sheets[name] for name in sorted(sheets)), tuple(unknown)
+
+
+def corner_line(corner: Corner) -> str:
+    """How `[sheets]` names the letters of a corner."""
+    return f"sm50 = {{ ABCD = [{corner[0]:.0f}, {corner[1]:.0f}] }}"
+
+
+def _unknown_letters(corner: Corner, where: str | Path) -> ReferenceDataError:
+    return ReferenceDataError(
+        where,
+        "nobody knows the four letters of the sheet 1:50 000 with its north-east corner at "
+        "{corner} (EPSG:5514).",
+        "Give them in [sheets], {line}, or an index layer, [ortho] sheets.",
+        corner=f"[{corner[0]:.0f}, {corner[1]:.0f}]",
+        line=corner_line(corner),
+    )
 
 
 def _cells(bounds: Bounds) -> Iterator[Bounds]:

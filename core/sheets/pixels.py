@@ -88,14 +88,7 @@ def target_system(text: str, block: str, bounds: Bounds, where: str | Path) -> T
     Raises:
         CrsError: PROJ does not know it or cannot reach it, or it does not count in metres.
     """
-    own, wanted = horizontal(read_crs(block, where)), horizontal(read_crs(text, where))
-    if not wanted.is_projected or not in_metres(wanted):
-        raise CrsError(
-            where,
-            "{crs} does not count in metres on a map plane, so sheets have no pixel size in it.",
-            "Name a projected CRS in metres, such as EPSG:5513 or EPSG:32633.",
-            crs=short_name(wanted),
-        )
+    own, wanted = horizontal(read_crs(block, where)), metric_crs(text, where)
     west, south, east, north = bounds
     corners = np.array([[west, south], [east, south], [east, north], [west, north]])
     operation = operation_between(own.to_wkt(), wanted.to_wkt(), corners, where)
@@ -111,6 +104,23 @@ def target_system(text: str, block: str, bounds: Bounds, where: str | Path) -> T
             crs=short_name(wanted),
         )
     return TargetSystem(text, None, operation)
+
+
+def metric_crs(text: str, where: str | Path) -> CRS:
+    """A CRS of the plane in which pixels of sheets have a size.
+
+    Raises:
+        CrsError: PROJ does not know it, or it does not count in metres.
+    """
+    wanted = horizontal(read_crs(text, where))
+    if wanted.is_projected and in_metres(wanted):
+        return wanted
+    raise CrsError(
+        where,
+        "{crs} does not count in metres on a map plane, so sheets have no pixel size in it.",
+        "Name a projected CRS in metres, such as EPSG:5513 or EPSG:32633.",
+        crs=short_name(wanted),
+    )
 
 
 def _counts_east_and_north(crs: CRS) -> bool:

@@ -11,13 +11,14 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 import rasterio
+from affine import Affine
 from shapely.affinity import translate
 from shapely.geometry import box
 
 from app.block_toml import FieldError
 from app.project import Project, read_project
-from app.sheets import Keeper, check_sheets, far_sheets, make_sheets, sheets_line
-from core.errors import ProjectError, ReferenceDataError
+from app.sheets import Keeper, check_sheets, make_sheets, sheet_notes, sheets_line
+from core.errors import CrsError, ProjectError, ReferenceDataError
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.seams import Seam
 from core.progress import SILENT
@@ -199,6 +200,7 @@ def test_a_sheet_that_fails_leaves_no_folder_of_its_own__truth(session: Session)
         ('[sheets]\nformats = ["png"]\n', '"png" is not known'),
         ("[sheets]\ncrs = [5513]\n", "must be a list of words"),
         ('[sheets]\ncrs = ["EPSG:1"]\n', "does not know the CRS"),
+        ('[sheets]\ncrs = ["EPSG:4326"]\n', "does not count in metres"),
         ("[sheets]\nsm50 = { ABCD = [1, 2] }\n", "cannot have its north-east corner"),
         ('[sheets]\nproduct = "Ortho"\n', "is no product"),
         ("[sheets]\noverlap_m = -1\n", "can be"),
@@ -226,10 +228,43 @@ def test_an_index_of_another_place_is_told_before_anything_is_computed__truth(fo
     ground = folder / "results/mosaic.tif"
     placed = replace(project, reference=replace(project.reference, ortho=(ground,)))
     sheets = check_sheets(placed)
-    assert far_sheets(placed, sheets) == ()
+    assert sheet_notes(placed, sheets) == ()
     moved = [replace(sheet, area=translate(sheet.area, 9e4)) for sheet in sheets]
-    (told,) = far_sheets(placed, moved)
+    (told,) = sheet_notes(placed, moved)
     assert told.startswith("klad.gpkg: none of its 4 sheets lies where the reference ortho does")
+
+
+def test_a_rule_is_judged_where_the_reference_lies_before_anything_is_computed__truth(
+    folder: Path,
+) -> None:
+    def with_rule(settings: str, corner: tuple[float, float], gsd: float = GSD) -> Project:
+        ground = folder / "ground.tif"
+        with rasterio.open(
+            ground, "w", driver="GTiff", width=60, height=60, count=1, dtype="uint8",
+            crs="EPSG:5514", transform=Affine(gsd, 0, corner[0], 0, -gsd, corner[1]),
+        ) as file:  # fmt: skip
+            file.write(np.full((1, 60, 60), 9, np.uint8))
+        project = project_in(folder, f'[sheets]\nrule = "sm5"\n{settings}')
+        sheets = replace(project.sheets, index=None)
+        reference = replace(project.reference, ortho=(ground,))
+        return replace(project, sheets=sheets, reference=reference)
+
+    inside, beyond = (-590_000.0, -1_190_000.0), (-500_100.0, -1_190_000.0)
+    assert sheet_notes(with_rule("", inside), check_sheets(with_rule("", inside))) == ()
+    with pytest.raises(ReferenceDataError, match="nobody knows the four letters") as error:
+        check_sheets(with_rule("", beyond))
+    assert error.value.file.endswith("block.toml [sheets] rule")
+    named = with_rule("sm50 = { UBRO = [-500000, -1180000] }\n", beyond)
+    assert check_sheets(named) == ()
+    # Across the edge of the one sheet that is known.
+    across = with_rule("", (-575_060.0, -1_190_000.0))
+    assert "ABCD = [-550000, -1180000]" in sheet_notes(across, check_sheets(across))[0]
+    # An ortho of half a country says nothing of the block.
+    wide = with_rule("", beyond, 4000.0)
+    assert sheet_notes(wide, check_sheets(wide)) == ()
+    with pytest.raises(CrsError, match="do not point east") as far:
+        check_sheets(with_rule('crs = ["EPSG:2053"]\n', inside))
+    assert far.value.file.endswith("block.toml [sheets] crs")
 
 
 def test_a_year_is_asked_for_before_anything_is_computed__truth(folder: Path) -> None:
