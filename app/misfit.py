@@ -1,6 +1,7 @@
 """The misfit of the mosaic against all references, and all places at which it is likely wrong."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -14,16 +15,17 @@ from core.adjustment.adjusted import AdjustmentReport
 from core.adjustment.influence import influence_of
 from core.control.prediction import covariances_of
 from core.doubts import Doubt
-from core.errors import PhotogrammetryError
+from core.errors import PhotogrammetryError, ReferenceDataError
 from core.geometry.robust import robust_sigma
+from core.localisation.photo_orientation import OrientationOptions
 from core.matching.reference import ReferenceFiles
 from core.mosaic.comparison import MosaicAccuracy, compare_orthos
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.fault_places import FaultPlace, worst_places
-from core.mosaic.misfit import BlockErrors, measure_misfit
+from core.mosaic.misfit import BlockErrors, compare_as_control, measure_misfit
 from core.mosaic.misfit_places import Misfit, judge_misfit
 from core.mosaic.seam_fit import SeamFit
-from core.progress import Part, Progress, Work
+from core.progress import Work
 from core.raster.dem import Dem
 from core.raster.ortho import open_ortho
 from core.results import BlockInput
@@ -38,6 +40,8 @@ COMPARISONS = "comparisons"
 PLACES = "fault-places"
 """Product that keeps the places, worst first."""
 COLUMNS = "X,Y,dX,dY,sigma,predicted_X,predicted_Y,probability,scan"
+ALIKE = 0.5  # design: the content is nearly the same where gray values recognise half of it.
+"""Share of the places that gray values recognise where they are enough."""
 CENTI, MILLI = 2, 3
 """Decimal places of coordinates, and of metres and probabilities."""
 
@@ -100,8 +104,11 @@ def make_misfit(
 def make_comparisons(
     session: Session,
     project: Project,
+    given: BlockInput,
     mosaic: MosaicProduct,
-    progress: Progress,
+    report: AdjustmentReport,
+    dem: Dem,
+    work: Work,
     *,
     anew: bool = False,
 ) -> Compared:
@@ -110,33 +117,68 @@ def make_comparisons(
     Args:
         session: Where the product is kept.
         project: Names the references.
+        given: How control is searched and the block adjusted.
         mosaic: The mosaic, on disk.
-        progress: Told of each place; may raise `Cancelled`.
+        report: The adjusted block.
+        dem: Heights.
+        work: Runs tiles side by side and is told of each place; may raise `Cancelled`.
         anew: Compare again.
 
     Returns:
         Its accuracy by the name of the ortho, and what could not be compared.
     """
     other = {one.name(project.folder): one for one in project.reference.other if one.ortho}
-    sheets = [(name, one.ortho, one.ortho_sigma_m) for name, one in other.items()]
-    if not sheets:
+    if not other:
         return {}, ()
-    digest = session.products.digest_of(COMPARISONS, 1, mosaic.path, sheets)
+    sheets = [(name, one.ortho, one.ortho_sigma_m) for name, one in other.items()]
+    digest = session.products.digest_of(
+        COMPARISONS, 2, mosaic.path, mosaic.seams, sheets, given.control.orientation,
+        report.sigma_nought, report.exterior_sigmas,
+    )  # fmt: skip
     kept: Compared | None = None if anew else session.products.load_value(COMPARISONS, digest)
     if kept is not None:
         return kept
+    errors = block_errors(given, report, dem)
     compared: dict[str, MosaicAccuracy] = {}
     doubts: list[Doubt] = []
-    for number, (name, paths, sigma_m) in enumerate(sheets):
-        part = Part(progress, number / len(sheets), (number + 1) / len(sheets))
+    for number, (name, one) in enumerate(other.items()):
+        part = work.part(number / len(other), (number + 1) / len(other))
         try:
-            found = compare_orthos(mosaic.path, paths, progress=part)
-            compared[name] = replace(found, truth_sigma_m=sigma_m)
+            own = replace(errors, ortho_sigma_m=one.sigmas_m(project.block.crs)[0])
+            found = _compared(mosaic, one.ortho, own, given.control.orientation, part)
+            compared[name] = replace(found, truth_sigma_m=one.ortho_sigma_m)
         except PhotogrammetryError as error:
             told = say("The mosaic is not compared with {name}. {why}", name=name, why=error.told)
             doubts.append(Doubt("reference-not-compared", name, told))
     session.products.save_value(COMPARISONS, digest, (compared, tuple(doubts)))
     return compared, tuple(doubts)
+
+
+def _compared(
+    mosaic: MosaicProduct,
+    ortho: Sequence[Path],
+    errors: BlockErrors,
+    orientation: OrientationOptions,
+    work: Work,
+) -> MosaicAccuracy:
+    """By gray values, which are finest, where both look alike; else also as control is searched.
+
+    Of both, the one that counts more places is told.
+    """
+    grey: MosaicAccuracy | None = None
+    with suppress(ReferenceDataError):
+        grey = compare_orthos(mosaic.path, ortho, progress=work.part(0.0, 0.5).progress)
+    if grey is not None and grey.n >= ALIKE * len(grey.places.verdicts):
+        return grey
+    try:
+        found = compare_as_control(
+            mosaic.path, ortho, mosaic.seams, errors, orientation, work.part(0.5, 1.0)
+        )
+    except ReferenceDataError:
+        if grey is None:
+            raise
+        return grey
+    return found if grey is None or found.n > grey.n else grey
 
 
 def make_places(

@@ -391,8 +391,10 @@ class Run:
             self.session, self.given, mosaic, adjusted, dem, work.part(0.1, 0.9), anew=anew
         )
         make_origin(self.session, self.project, self.given, mosaic, adjusted, dem, anew=anew)
-        rest = work.part(0.9, 1.0).progress
-        compared, doubts = make_comparisons(self.session, self.project, mosaic, rest, anew=anew)
+        rest = work.part(0.9, 1.0)
+        compared, doubts = make_comparisons(
+            self.session, self.project, self.given, mosaic, adjusted, dem, rest, anew=anew
+        )
         likely = make_places(
             self.session, self.project, self.given, mosaic, adjusted, dem, (misfit, fits)
         )

@@ -13,7 +13,6 @@ from core.arrays import ObjectPoints, Scalars
 from core.block import Measurement, Reading
 from core.geometry.robust import nmad
 from core.mosaic.comparison import (
-    OUTLIER_RULE,
     MosaicAccuracy,
 )
 from core.quality.check_points import (
@@ -133,7 +132,7 @@ def comparison_accuracy(name: str, accuracy: MosaicAccuracy) -> dict[str, Any]:
         "refused": dict(accuracy.refused),
         "ground_sample_distance_m": accuracy.ground_sample_distance_m,
         "truth_sigma_m": accuracy.truth_sigma_m,
-        "rule": OUTLIER_RULE,
+        "rule": accuracy.rule,
         "vectors": np.hstack([accuracy.places.positions, accuracy.places.shifts_m])[used].tolist(),
     }
 

@@ -147,6 +147,8 @@ class MosaicAccuracy:
     """The table."""
     truth_sigma_m: float | None = None
     """Standard deviation of a coordinate of the truth, metres; None where nobody states it."""
+    rule: str = OUTLIER_RULE
+    """Which places count."""
 
     @property
     def circular_error_90(self) -> float:
@@ -196,7 +198,7 @@ def compare_orthos(
             say("No place could be recognised in {truth_path}.", truth_path=sheets[0]),
             "Check that both show the same ground, or enlarge search_px.",
         )
-    return _summary(_without_mismatches(places, view.grid), view.grid)
+    return accuracy_of(places, view.grid.ground_sample_distance_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -393,7 +395,7 @@ def _table(
     )
 
 
-def _without_mismatches(places: ComparedPlaces, grid: Grid) -> ComparedPlaces:
+def _without_mismatches(places: ComparedPlaces, gsd_m: float) -> ComparedPlaces:
     """Mark places that depart from their neighbours, as OUTLIER_RULE says."""
     used = np.flatnonzero(places.used)
     if len(used) < 10:
@@ -402,14 +404,22 @@ def _without_mismatches(places: ComparedPlaces, grid: Grid) -> ComparedPlaces:
     _, neighbours = KDTree(positions).query(positions, k=NEIGHBOURS + 1)
     expected = np.median(shifts[np.asarray(neighbours)[:, 1:]], axis=1)
     away = np.linalg.norm(shifts - expected, axis=1)
-    limit = max(MISMATCH_SIGMAS * robust_sigma(away), 2 * grid.ground_sample_distance_m)
+    limit = max(MISMATCH_SIGMAS * robust_sigma(away), 2 * gsd_m)
     verdicts = list(places.verdicts)
     for index in used[away > limit]:
         verdicts[index] = "mismatch"
     return ComparedPlaces(places.positions, places.shifts_m, places.peaks, tuple(verdicts))
 
 
-def _summary(places: ComparedPlaces, grid: Grid) -> MosaicAccuracy:
+def accuracy_of(places: ComparedPlaces, gsd_m: float, rule: str = OUTLIER_RULE) -> MosaicAccuracy:
+    """What the places tell that count; those that depart from their neighbours do not.
+
+    Args:
+        places: All that were tried; some are `used`.
+        gsd_m: Pixel size at which they were compared, metres.
+        rule: Which of them count.
+    """
+    places = _without_mismatches(places, gsd_m)
     errors = places.shifts_m[places.used]
     counted = [verdict in ("used", "mismatch") for verdict in places.verdicts]
     with_mismatches = places.shifts_m[counted]
@@ -430,8 +440,9 @@ def _summary(places: ComparedPlaces, grid: Grid) -> MosaicAccuracy:
         largest=float(np.linalg.norm(errors, axis=1).max()),
         m_p_with_mismatches=float(np.sqrt(np.mean(np.sum(with_mismatches**2, axis=1)))),
         refused={reason: refused.count(reason) for reason in sorted(set(refused))},
-        ground_sample_distance_m=grid.ground_sample_distance_m,
+        ground_sample_distance_m=gsd_m,
         places=places,
+        rule=rule,
     )
 
 

@@ -26,6 +26,7 @@ from core.control.search import (
     candidates_near,
     decoys_outside,
 )
+from core.errors import ReferenceDataError
 from core.localisation.photo_orientation import OrientationOptions
 from core.matching.local_search import (
     DULL,
@@ -39,10 +40,18 @@ from core.matching.local_search import (
 from core.matching.patches import ScanPart, Templates, Window, filled
 from core.matching.precision import Covariance, likely_covariance
 from core.matching.probability import GATE, Searches, posterior, probabilities
-from core.mosaic.comparison import CommonView, choose_places, open_both
+from core.mosaic.comparison import (
+    CommonView,
+    ComparedPlaces,
+    MosaicAccuracy,
+    accuracy_of,
+    choose_places,
+    open_both,
+)
 from core.mosaic.seams import Seam
 from core.progress import Work, tracked
 from core.raster.dem import HeightSource
+from core.said import say
 
 Vectors = Float64[np.ndarray, "n 2"]
 Spreads = Float64[np.ndarray, "n 2 2"]
@@ -71,6 +80,14 @@ TILE_PX = 1024
 # design: half as many displacements as a search of a few templates has, to tell a height from.
 LEAST_DECOY_SHARE = 0.25
 """A place at the edge is compared while the mosaic fills this share of the search about it."""
+
+
+CONTROL_RULE = (
+    "Gray values recognise few places of it, so places were searched as control is: a place counts "
+    "when it is more probably right than wrong. Of these, a place is left out as a mismatch when "
+    "it departs from the median of its eight nearest neighbours by more than five normalised "
+    "median deviations and more than two pixels; m_p with them is given beside."
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,6 +198,44 @@ def measure_misfit(
             chances[number] = chance
             rows += [(number, *one) for one in zip(peaks, spreads, strict=True)]
     return _vectors(view, centres, plan, rows, chances, (seams, errors))
+
+
+def compare_as_control(
+    mosaic: Path,
+    reference: Sequence[Path],
+    seams: Sequence[Seam],
+    errors: BlockErrors,
+    orientation: OrientationOptions | None = None,
+    work: Work | None = None,
+) -> MosaicAccuracy:
+    """Accuracy against an ortho that shows the ground, but not as the mosaic shows it.
+
+    What `compare_orthos` recognises by gray values has changed, or is seen in another light: it is
+    searched as control is. Arguments are those of `measure_misfit`.
+
+    Raises:
+        PhotogrammetryError: A file is damaged, or they have nothing in common that is recognised.
+    """
+    vectors = measure_misfit(mosaic, reference, seams, errors, orientation, work)
+    if not vectors.found.any():
+        values = {"file": reference[0], "metres": f"{vectors.patch_m:.0f}", "tried": vectors.tried}
+        cause = (
+            say("None of {tried:# place|# places} of {file} is recognised in it.", **values)
+            if vectors.tried
+            else say(
+                "Too little of {file} lies under it: no place of it lies {metres} m and a search "
+                "off every edge.",
+                **values,
+            )
+        )
+        raise ReferenceDataError(mosaic, cause, "Check that both show the same ground.")
+    places = ComparedPlaces(
+        vectors.positions,
+        vectors.shifts_m,
+        vectors.probabilities,
+        tuple("used" if right else "unlikely" for right in vectors.found.tolist()),
+    )
+    return accuracy_of(places, vectors.ground_sample_distance_m, CONTROL_RULE)
 
 
 def _plan(view: CommonView, orientation: OrientationOptions) -> Plan:

@@ -14,6 +14,7 @@ from affine import Affine
 from app.cli import DONE, main
 from app.misfit import COLUMNS, PLACES, PRODUCT, TABLE, known_places, level_sigma_m, misfit_rows
 from core.geometry.robust import robust_sigma
+from core.mosaic.misfit import CONTROL_RULE
 from core.raster.dem import level_ground
 from sessions.checks import version_on_disk
 from sessions.decisions import Place
@@ -94,12 +95,18 @@ def test_the_mosaic_is_compared_with_further_references__truth(tiny_run: Tiny, t
         archival = tiny_run.truth.archival_ortho.relative_to(tiny_run.folder).as_posix()
         text.write(f'[[reference.other]]\northo = "{archival}"\nyear = 1938\northo_sigma_m = 0.1\n')
         text.write('[[reference.other]]\northo = "away.tif"\n')
+        text.write('[[reference.other]]\northo = "ortho/*.tif"\nyear = 2022\n')
     assert main(["report", str(folder)]) == DONE
     figures = json.loads((folder / "results/report.json").read_text(encoding="utf-8"))
-    (compared,) = figures["comparisons"]
+    compared, today = figures["comparisons"]
     assert compared["name"] == f"{archival} (1938)"
     assert (compared["count"] > 50, compared["truth_sigma_m"]) == (True, 0.1)
     assert compared["m_p"] < 2
+    # Decades later little looks alike by gray values: as control is searched, the ground is found.
+    assert today["rule"] == CONTROL_RULE
+    own = figures["misfit"]
+    assert today["count"] + today["refused"].get("mismatch", 0) == own["count"] > 20
+    assert today["median_shift"] == pytest.approx(own["median_m"], abs=0.3)
     told = [one["message"] for one in figures["doubts"] if one["subject"] == "away.tif"]
     assert len(told) == 1
     assert "no area in common" in told[0]
