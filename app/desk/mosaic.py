@@ -1,14 +1,14 @@
 """The mosaic at the desk: as it is, as it will be with the seams that stand, and its sheets."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
-import cv2
 import numpy as np
 from aiohttp import web
+from jaxtyping import Float32
 
 from app.desk.watched_job import WatchedJob
 from app.epochs import MOSAIC
@@ -17,14 +17,14 @@ from app.mosaic import SEAMS, SEAMS_DRAWN, edited_seams, kept_orthos
 from app.project import read_project
 from app.sheets import check_sheets, make_sheets, sheets_line
 from core.errors import Cancelled, ProjectError
-from core.frames import HALF_PIXEL
 from core.geometry.crs import Bounds
 from core.mosaic.blending import REACH_PX
 from core.mosaic.composition import MosaicProduct, compose_window
 from core.mosaic.seam_edits import SeamEdit
 from core.mosaic.seams import Seam
-from core.raster.grid import Grid, Pixels
-from core.raster.ortho import Ortho, open_ortho
+from core.raster.grid import Grid, Pixels, Tile
+from core.raster.ortho import LEAST_COVERAGE, Ortho, open_ortho
+from core.raster.sampling import sample_part
 from core.sheets.delivery import INDEX
 from sessions.session import RESULTS, Session
 from ui.review.state import ShownMosaic
@@ -39,6 +39,10 @@ KEPT = 4
 """Editions of the seams that tiles may still be asked of."""
 STRIP_PX = 2048
 """Edited ground is composed in parts of so many pixels a side, some tens of megabytes."""
+RIM_PX = 3
+"""So far around a grid, pixels of it, the mosaic counts as well: what a kernel reaches."""
+Corner = tuple[int, int]
+"""Column and row of a first pixel."""
 
 
 class MosaicFile:
@@ -197,67 +201,56 @@ class EditedMosaic:
         return self.file.ground_sample_distance_m
 
     def read_colour(self, grid: Grid) -> Colour:
-        """Colours on a grid: of the file, and of what the same composition makes of the edits."""
+        """Colours on a grid: of the file, and what the same composition of the edits adds to it.
+
+        Both are read alike at any size of pixel, so nothing but the edit is seen.
+        """
         colour = self.file.read_colour(grid)
+        parts = list(self._parts(grid))
+        if not parts:
+            return colour
+        added = np.zeros((1, grid.rows, grid.columns), dtype=np.float32)
+        for part in parts:
+            # Reading is linear: parts are added up.
+            added = added + sample_part(*self._added(part), self.mosaic.product.grid, grid)
+        total = colour + np.moveaxis(added[:-1], 0, -1)
+        seen = np.where(np.abs(added[-1]) > LEAST_COVERAGE, added[-1] > 0, colour.any(axis=2))
+        return shown_as(total, seen, None)
+
+    def _parts(self, grid: Grid) -> Iterator[Tile]:
+        """What of the mosaic the edits change and a grid shows: a little at a time."""
         changed, whole = self.mosaic.changed, self.mosaic.product.grid
         if changed is None:
-            return colour
+            return
+        gsd = whole.ground_sample_distance_m
+        room, rim = REACH_PX * gsd, RIM_PX * max(gsd, grid.ground_sample_distance_m)
         west, south, east, north = grid.bounds
-        low = np.maximum(changed[:2], (west, south))
-        high = np.minimum(changed[2:], (east, north))
-        room = REACH_PX * whole.ground_sample_distance_m
-        if np.any(high + room <= low - room):
-            return colour
-        part = whole.covering((*(low - room).tolist(), *(high + room).tolist()))
-        values = self._composed(part)
-        seen = (values if values.ndim == 2 else values[:, :, 0]) > 0
-        return _laid_over(colour, grid, shown_as(values, seen, self.stretch), part)
-
-    def _composed(self, part: Grid) -> Pixels:
-        """A part of the mosaic with the seams as they stand, pieces of it at a time."""
-        whole = self.mosaic.product.grid
+        low = np.maximum(np.array(changed[:2]) - room, (west - rim, south - rim))
+        high = np.minimum(np.array(changed[2:]) + room, (east + rim, north + rim))
+        if np.any(high <= low):
+            return
+        part = whole.covering((*low.tolist(), *high.tolist()))
         corner = whole.grid_from_object(np.array([[part.west, part.north]]))[0]
         column, row = (round(float(value)) for value in corner)
-        strips: list[Pixels] = []
         for down in range(0, part.rows, STRIP_PX):
-            rows = min(STRIP_PX, part.rows - down)
-            pieces = [
-                compose_window(
-                    self.mosaic.orthos,
-                    self.mosaic.product,
-                    self.mosaic.seams,
-                    (column + across, row + down, min(STRIP_PX, part.columns - across), rows),
-                )
-                for across in range(0, part.columns, STRIP_PX)
-            ]
-            strips.append(np.concatenate(pieces, axis=1))
-        return np.concatenate(strips).astype(np.float32)
+            for across in range(0, part.columns, STRIP_PX):
+                columns, rows = part.columns - across, part.rows - down
+                yield column + across, row + down, min(STRIP_PX, columns), min(STRIP_PX, rows)
 
+    def _added(self, part: Tile) -> tuple[Float32[np.ndarray, "bands rows columns"], Corner]:
+        """What a part shows with the seams as they stand, less what the file shows.
 
-def _laid_over(colour: Colour, grid: Grid, patch: Colour, part: Grid) -> Colour:
-    """A picture with a finer patch resampled into it where the patch reaches."""
-    ratio = grid.ground_sample_distance_m / part.ground_sample_distance_m
-    reduction = max(1, round(ratio))
-    rows, columns = patch.shape[0] // reduction, patch.shape[1] // reduction
-    if not rows or not columns:
-        return colour
-    even = patch[: rows * reduction, : columns * reduction]
-    small = cv2.resize(even, (columns, rows), interpolation=cv2.INTER_AREA)
-    pixel = part.ground_sample_distance_m * reduction
-    east, north = grid.centres()
-    x = ((east - part.west) / pixel - HALF_PIXEL).astype(np.float32)
-    y = ((part.north - north) / pixel - HALF_PIXEL).astype(np.float32)
-    across = np.flatnonzero((x > -HALF_PIXEL) & (x < columns - HALF_PIXEL))
-    down = np.flatnonzero((y > -HALF_PIXEL) & (y < rows - HALF_PIXEL))
-    if not len(across) or not len(down):
-        return colour
-    map_x, map_y = np.meshgrid(x[across], y[down])
-    laid = cv2.remap(
-        np.asarray(small), map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    result = colour.copy()
-    result[down[0] : down[-1] + 1, across[0] : across[-1] + 1] = laid
-    return result
+        The last band is 1 where the ground is seen that was not, -1 where it no longer is.
+        """
+        mosaic = self.mosaic
+        values = compose_window(mosaic.orthos, mosaic.product, mosaic.seams, part)
+        seen = (values if values.ndim == 2 else values[:, :, 0]) > 0
+        now = shown_as(values.astype(np.float32), seen, self.stretch)
+        file = self.file.read_colour(mosaic.product.grid.window(*part))
+        both = [np.dstack([one, one.any(axis=2)]).astype(np.float32) for one in (now, file)]
+        bands = (0, 3) if values.ndim == 2 else (0, 1, 2, 3)
+        added = np.moveaxis(both[0] - both[1], -1, 0)[list(bands)]
+        return np.ascontiguousarray(added), part[:2]
 
 
 def sheet_routes(project_file: Path, made: Callable[[], None]) -> tuple[web.RouteDef, ...]:

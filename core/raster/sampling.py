@@ -25,6 +25,7 @@ from core.raster.lattices import (
     Content,
     Lattice,
     SheetSet,
+    halve_cells,
     read_cells,
     sheets_under,
 )
@@ -223,6 +224,55 @@ def _read_slanted(lattice: Lattice, grid: Grid, options: ReadOptions) -> Sampled
     across = (columns - window.column).astype(np.float32)
     down = (rows - window.row).astype(np.float32)
     return sample_warped(cells, across, down, scale, options.kernel)
+
+
+def sample_part(
+    values: Float32[np.ndarray, "bands _ _"],
+    corner: tuple[int, int],
+    whole: Grid,
+    grid: Grid,
+    kernel: Kernel = "cubic",
+) -> Float32[np.ndarray, "bands rows columns"]:
+    """A part of a raster on another grid, as a file is read that is nought beside the part.
+
+    Reading is linear: what is added to a part of a file adds this to what is read of the file.
+
+    Args:
+        values: The part.
+        corner: Its first column and row, pixels of the raster.
+        whole: The raster.
+        grid: Where values are wanted.
+        kernel: Interpolation between pixels.
+    """
+    gsd = whole.ground_sample_distance_m
+    ratio = grid.ground_sample_distance_m / gsd
+    size = _cell_size(ratio)
+    scale = ratio / size
+    reach = RADIUS[kernel] * max(1.0, scale)
+    east, north = grid.centres()
+    places = (east - whole.west) / gsd / size, (whole.north - north) / gsd / size
+    bands, height, width = values.shape
+    across, down = (
+        np.flatnonzero((at > first / size - reach) & (at < (first + count) / size + reach))
+        for at, first, count in zip(places, corner, (width, height), strict=True)
+    )
+    result = np.zeros((bands, grid.rows, grid.columns), dtype=np.float32)
+    if not len(across) or not len(down):
+        return result
+    columns, rows = places[0][across], places[1][down]
+    window = _window(columns, rows, size, reach)
+    laid = np.zeros((bands, window.rows * size, window.columns * size), dtype=np.float32)
+    left, top = corner[0] - window.column * size, corner[1] - window.row * size
+    own = np.s_[max(-top, 0) : laid.shape[1] - top, max(-left, 0) : laid.shape[2] - left]
+    laid[:, max(top, 0) : top + height, max(left, 0) : left + width] = values[:, *own]
+    cells = Cells(laid, np.ones(laid.shape[1:], dtype=np.float32))
+    while cells.weight.shape[0] > window.rows:
+        cells = halve_cells(cells)
+    sampled = _sample_separable(
+        cells, columns - window.column, rows - window.row, (scale, scale), kernel
+    )
+    result[:, down[0] : down[-1] + 1, across[0] : across[-1] + 1] = sampled.values
+    return result
 
 
 def _lattice_places(
