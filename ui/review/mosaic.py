@@ -251,7 +251,7 @@ def _edit_line(item: Recorded, edit: SeamEdit) -> Part:
     return {
         "id": item.decision_id,
         "who": item.who,
-        "when": item.when[:16],
+        "when": item.when[:16].replace("T", " "),
         "area": isinstance(edit, SeamArea),
         "what": subject_of(edit),
     }

@@ -122,7 +122,7 @@ const line = (edit, frame) => {
   const { id, turn } = edit;
   const inHand = state.of?.id === id;
   return element("p", { class: `decided${inHand ? " on" : ""}`, "data-edit": id },
-    element("b", {}, `${turn}`), element("span", {}, sentence(edit)),
+    element("span", {}, element("b", {}, `${turn}`), ` \u00b7 ${sentence(edit)}`),
     element("button", { class: "small", disabled: start.guest, "aria-pressed": `${inHand}`,
       title: word("mosaic.edit.corners.tip"), onclick: () => {
         frame(aroundAll(edit.places));
@@ -257,9 +257,9 @@ export function editKey(name, cursor, onScreen) {
  */
 export function drawEdit(context, onScreen, cursor) {
   const { tool, places, gripped, of } = state;
-  context.strokeStyle = INK;
   for (const { places: laid, turn } of handles()) {
     const corners = laid.map(onScreen);
+    Object.assign(context, { strokeStyle: INK, lineWidth: 1.8 });
     for (const [x, y] of corners) context.strokeRect(x - 3, y - 3, 6, 6);
     named(context, `${turn}`, corners[0]);
   }
