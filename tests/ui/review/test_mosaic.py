@@ -246,7 +246,7 @@ def test_edits_are_shown_until_the_file_follows_and_are_gone_when_withdrawn__law
     part = mosaic_part(now)
     (told,) = part["edits"]
     assert (told["id"], told["who"], told["what"]) == (5, "ada", f"{WEST} | {EAST}")
-    assert (told["when"], told["area"]) == ("2026-11-24T10:00", False)
+    assert (told["when"], told["area"]) == ("2026-11-24 10:00", False)
     assert not now.state.written
     # A place between the old seam and the new one has changed hands.
     assert picked_part(MosaicPicked("s", east - 20, (south + north) / 2, 1), now)["photo"] == EAST
