@@ -132,6 +132,16 @@ class Photo:
         return object_from_film(film, heights, self.exterior, camera, self.atmosphere)
 
 
+@dataclass(frozen=True, slots=True)
+class OlderReference:
+    """A reference whose points may all lie off the same way: the adjustment estimates its shift."""
+
+    name: str
+    """What the report calls it."""
+    sigma_m: tuple[float, float, float]
+    """What its shift (E, N, H) may be, standard deviations, metres; 0 for what it has none in."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SurveyedPoint:
     """A point of the ground whose coordinates are known from elsewhere."""
@@ -150,6 +160,8 @@ class SurveyedPoint:
     """What it is, in the surveyor's words."""
     sketch: str = ""
     """Name of the file with its sketch or photograph."""
+    shifted: OlderReference | None = None
+    """The reference it shares a shift with; None for what defines the datum."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", locked(self.position))

@@ -209,7 +209,8 @@ class AdjustmentReport:
     """Residual (column, row) of EVERY measurement of a surveyed point, used or not, pixels,
     computed minus measured; for those not used, the prediction minus the measurement."""
     surveyed_positions: Mapping[str, Position]
-    """Adjusted coordinates of the control points that took part, metres."""
+    """Adjusted coordinates of the control points that took part, metres; of a reference that has a
+    shift as they are there, shift included."""
     surveyed_sigmas_m: Mapping[str, Position]
     """Their standard deviations, metres."""
     redundancy_numbers: Mapping[tuple[str, str], float]

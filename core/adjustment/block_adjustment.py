@@ -183,6 +183,7 @@ def _inner_precision(solution: Solution, similarity: Similarity) -> Precision:
         photos=turn @ precision.photos @ turn.T,
         mixed=turn @ precision.mixed,
         points=points,
+        known=points,
     )
 
 

@@ -82,7 +82,12 @@ class Equations:
         """Some known coordinates of a point."""
         weights = self.solution.network.points.known_weight[point]
         whitened = (self._inverse_root(point) * weights[:, None])[list(axes)]
+        shifts = self.solution.network.points.shifts.of_point[point]
+        first = SIZE * self.photos + self.solution.network.lensed
         rows = np.zeros((len(whitened), self.unknowns))
+        for row, axis in enumerate(axes):
+            if shifts[axis] >= 0:
+                rows[row, first + shifts[axis]] = weights[axis]
         return self._through(rows, point, whitened), whitened
 
     def of_certificate(self, camera: int) -> Rows:
@@ -129,8 +134,8 @@ class Equations:
         for ray in self.rays_of(point).tolist():
             first = SIZE * int(network.rays.photo[ray])
             rows[:, first : first + SIZE] -= whitened @ normals.photo_rays[:, ray].T
-        lensed = slice(SIZE * self.photos, SIZE * self.photos + network.lensed)
-        rows[:, lensed] -= whitened @ normals.camera_points[:, point].T
+        pointed = slice(SIZE * self.photos, SIZE * self.photos + network.pointed)
+        rows[:, pointed] -= whitened @ normals.camera_points[:, point].T
         return rows
 
     def _inverse_root(self, point: int) -> Float64[np.ndarray, "3 3"]:

@@ -139,7 +139,11 @@ def _step(
         return fit.state, None
     increment = solve(network, pattern, normals)
     moved = fit.state.moved(
-        increment.photos, increment.constants, increment.positioning, increment.points
+        increment.photos,
+        increment.constants,
+        increment.positioning,
+        increment.shifts,
+        increment.points,
     )
     return moved, increment
 
@@ -215,6 +219,7 @@ def _orient_rays(network: Network) -> tuple[State, ObjectPoints, ObjectPoints]:
         constants=np.array([constants_of(camera) for camera in network.cameras]),
         additional=_additional(network),
         positioning=np.zeros(network.positioning.count),
+        shifts=np.zeros(network.points.shifts.count),
         points=np.zeros((network.points.count, 3)),
     )
     directions = _directions(network, state.rotations)

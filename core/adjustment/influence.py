@@ -247,15 +247,15 @@ def _state_of(network: Network, report: AdjustmentReport) -> State:
     for row, name in enumerate(network.points.control, start=len(ties)):
         if name in adjusted:
             points[row] = adjusted[name]
-    positioning = [
-        float(np.radians(p.value)) if p.name.endswith("_deg") else p.value
-        for p in report.parameters[network.lensed :]
-    ]
-    return replace(
-        state,
-        points=points,
-        positioning=np.array(positioning) if positioning else state.positioning,
+    told = np.array(
+        [
+            float(np.radians(p.value)) if p.name.endswith("_deg") else p.value
+            for p in report.parameters[network.lensed :]
+        ]
     )
+    shifts = network.points.shifts
+    state = replace(state, shifts=told[: shifts.count], positioning=told[shifts.count :])
+    return replace(state, points=points - shifts.on_points(state.shifts))
 
 
 def _taking_part(network: Network, report: AdjustmentReport) -> Flags:

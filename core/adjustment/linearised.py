@@ -52,12 +52,14 @@ class Linearised:
     """Residuals of a-priori camera constants."""
     positioning: Float64[np.ndarray, "unknowns"]
     """Residuals of the loose priors of shifts, drifts and misalignment."""
+    shifts: Float64[np.ndarray, "shifts"]
+    """Residuals of the priors of references' shifts."""
 
     @property
     def prior_cost(self) -> float:
         """Squared residuals of everything that is known beforehand."""
         known = (self.ground, self.centres, self.angles, self.constants, self.positioning)
-        return float(sum(np.sum(part**2) for part in known))
+        return float(sum(np.sum(part**2) for part in (*known, self.shifts)))
 
 
 def linearise(network: Network, state: State) -> Linearised:
@@ -82,7 +84,8 @@ def linearise(network: Network, state: State) -> Linearised:
         by_camera=by_camera / rays.sigma_mm,
         residuals=residuals / rays.sigma_mm,
         behind=behind,
-        ground=(state.points - network.points.known) * network.points.known_weight,
+        ground=(state.points + network.points.shifts.on_points(state.shifts) - network.points.known)
+        * network.points.known_weight,
         centres=(shifted - priors.centres) * priors.centre_weights,
         angles=angles,
         angles_by_rotation=by_rotation,
@@ -90,6 +93,7 @@ def linearise(network: Network, state: State) -> Linearised:
         angles_by_positioning=by_misalignment,
         constants=constants,
         positioning=state.positioning * positioning.weights,
+        shifts=state.shifts * network.points.shifts.weights,
     )
 
 

@@ -8,6 +8,7 @@ from jaxtyping import Float64, Int
 
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.positioning import MEASURED_M, Positioning, positioning_of
+from core.adjustment.reference_shifts import ReferenceShifts, shifts_of
 from core.arrays import FilmPoints, Flags, Indices, ObjectPoints, Position, Scalars
 from core.block import Block, Measurement, Photo
 from core.errors import OrientationError
@@ -79,6 +80,8 @@ class Points:
     """A-priori coordinates, metres; nought for tie points."""
     known_weight: ObjectPoints
     """Root of the weight of each a-priori coordinate, 1 / metres; nought for tie and new points."""
+    shifts: ReferenceShifts
+    """What the a-priori coordinates of many points are off together."""
 
     @property
     def count(self) -> int:
@@ -140,13 +143,18 @@ class Network:
 
     @property
     def lensed(self) -> int:
-        """Number of unknowns of all cameras; those of the positioning come after them."""
+        """Number of unknowns of all cameras; those of references and positioning come after them."""
         return self.lens * len(self.cameras) if self.estimate_cameras else 0
+
+    @property
+    def pointed(self) -> int:
+        """Number of shared unknowns that points depend on: cameras, then shifts of references."""
+        return self.lensed + self.points.shifts.count
 
     @property
     def shared(self) -> int:
         """Number of unknowns that photos share."""
-        return self.lensed + self.positioning.count
+        return self.pointed + self.positioning.count
 
     @property
     def anchored(self) -> Flags:
@@ -175,6 +183,8 @@ class State:
     """Additional parameters of each camera, millimetres."""
     positioning: Float64[np.ndarray, "unknowns"]
     """Shifts and drifts (metres), misalignment (radians)."""
+    shifts: Float64[np.ndarray, "shifts"]
+    """What references are off, metres."""
     points: Float64[np.ndarray, "points 3"]
     """Object points, metres."""
 
@@ -183,6 +193,7 @@ class State:
         photos: Float64[np.ndarray, "photos 6"],
         constants: Float64[np.ndarray, "cameras lens"],
         positioning: Float64[np.ndarray, "unknowns"],
+        shifts: Float64[np.ndarray, "shifts"],
         points: Float64[np.ndarray, "points 3"],
     ) -> "State":
         """The unknowns after increments (rotations by R exp[w])."""
@@ -195,6 +206,7 @@ class State:
             constants=changed,
             additional=self.additional + constants[:, CONSTANTS:],
             positioning=self.positioning + positioning,
+            shifts=self.shifts + shifts,
             points=self.points + points,
         )
 
@@ -330,7 +342,8 @@ def _points(block: Block, tie_point: Indices, control: tuple[str, ...]) -> Point
         known[row] = point.position
         if point.role != "new":
             weight[row] = 1.0 / np.maximum(point.sigma_m, SMALLEST_SIGMA_M)
-    return Points(tie_point, control, known, weight)
+    owners = [None] * len(tie_point) + [block.surveyed[name].shifted for name in control]
+    return Points(tie_point, control, known, weight, shifts_of(owners))
 
 
 def _priors(

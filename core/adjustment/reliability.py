@@ -11,6 +11,7 @@ from core.adjustment.factorisation import (
     BorderedInverse,
     DenseInverse,
     backward3,
+    forward3,
     invert_bordered,
 )
 from core.adjustment.linearised import Linearised
@@ -77,8 +78,10 @@ class Precision:
     """Of centres (metres) and rotation increments (radians)."""
     points: Float64[np.ndarray, "points 3"]
     """Variances of the points' coordinates, square metres."""
+    known: Float64[np.ndarray, "points 3"]
+    """The same as their references have them, shifted, square metres."""
     constants: Float64[np.ndarray, "shared shared"]
-    """Of the scaled camera constants, and of the positioning's unknowns."""
+    """Of the scaled camera constants, shifts of references, and of the positioning's unknowns."""
     mixed: Float64[np.ndarray, "photos 6 shared"]
     """Between photos and these."""
 
@@ -123,6 +126,7 @@ def precision_from(
     )
     camera_part = _camera_part(network, normals, inverse, shared)
     inner = _point_part(network, normals, photo_part, camera_part)
+    points = _point_variances(normals, inner, turn)
     return Precision(
         rays=np.stack(
             [
@@ -142,7 +146,8 @@ def precision_from(
             ]
         ),
         photos=own,
-        points=_point_variances(normals, inner, turn),
+        points=points,
+        known=_known_variances(network, normals, inverse.corner, points, camera_part=camera_part),
         constants=inverse.corner,
         mixed=shared,
     )
@@ -162,7 +167,7 @@ def _photo_part(
     rays, photo_rays = network.rays, normals.photo_rays
     part = np.empty_like(photo_rays)
     constants = np.take(normals.camera_points, rays.point, axis=1)
-    shared = shared[:, :, : network.lensed]
+    shared = shared[:, :, : network.pointed]
     for photo, (start, stop) in enumerate(zip(rays.first[:-1], rays.first[1:], strict=True)):
         part[:, start:stop] = _times(own[photo], photo_rays[:, start:stop])
         part[:, start:stop] += _times(shared[photo], constants[:, start:stop])
@@ -189,15 +194,15 @@ def _camera_part(
     normals: Normals,
     inverse: BorderedInverse | DenseInverse,
     shared: Float64[np.ndarray, "photos 6 shared"],
-) -> Float64[np.ndarray, "lensed points 3"]:
-    """Rows of Q Y that belong to the cameras' constants."""
-    rays, count, lensed = network.rays, network.points.count, network.lensed
-    by_ray = np.empty((lensed, len(rays.photo), 3))
-    shared = shared[:, :, :lensed]
+) -> Float64[np.ndarray, "pointed points 3"]:
+    """Rows of Q Y that belong to the cameras' constants and the shifts of references."""
+    rays, count, pointed = network.rays, network.points.count, network.pointed
+    by_ray = np.empty((pointed, len(rays.photo), 3))
+    shared = shared[:, :, :pointed]
     for photo, (start, stop) in enumerate(zip(rays.first[:-1], rays.first[1:], strict=True)):
         by_ray[:, start:stop] = _times(shared[photo].T, normals.photo_rays[:, start:stop])
-    part = _times(inverse.corner[:lensed, :lensed], normals.camera_points)
-    for row in range(lensed):
+    part = _times(inverse.corner[:pointed, :pointed], normals.camera_points)
+    for row in range(pointed):
         for axis in range(3):
             part[row, :, axis] += np.bincount(rays.point, by_ray[row, :, axis], count)
     return part
@@ -207,7 +212,7 @@ def _point_part(
     network: Network,
     normals: Normals,
     photo_part: Float64[np.ndarray, "6 rays 3"],
-    camera_part: Float64[np.ndarray, "lensed points 3"],
+    camera_part: Float64[np.ndarray, "pointed points 3"],
 ) -> Float64[np.ndarray, "3 3 points"]:
     """I + Y^T Q Y of each point."""
     point, count = network.rays.point, network.points.count
@@ -254,7 +259,7 @@ def _point_variance(
     normals: Normals,
     photo_part: Float64[np.ndarray, "6 rays 3"],
     *,
-    camera_part: Float64[np.ndarray, "lensed points 3"],
+    camera_part: Float64[np.ndarray, "pointed points 3"],
     inner: Float64[np.ndarray, "3 3 points"],
     axis: int,
 ) -> Weights:
@@ -287,6 +292,27 @@ def _point_variances(
         columns[:, axis] = backward3(normals.root, unit)
     columns = np.einsum("ab,bkn->akn", turn, columns)
     return np.einsum("akn,kln,aln->na", columns, inner, columns)
+
+
+def _known_variances(
+    network: Network,
+    normals: Normals,
+    corner: Float64[np.ndarray, "shared shared"],
+    points: Float64[np.ndarray, "points 3"],
+    *,
+    camera_part: Float64[np.ndarray, "pointed points 3"],
+) -> Float64[np.ndarray, "points 3"]:
+    """Variances of point plus shift: between both are -Q Y L^-1."""
+    shifts, known = network.points.shifts, points.copy()
+    for axis in range(3):
+        rows = np.flatnonzero(shifts.of_point[:, axis] >= 0)
+        unknown = network.lensed + shifts.of_point[rows, axis]
+        unit = np.zeros((3, len(rows)))
+        unit[axis] = 1.0
+        column = forward3(normals.root[:, rows], unit)
+        mixed = -np.sum(camera_part[unknown, rows] * column.T, axis=1)
+        known[rows, axis] += corner[unknown, unknown] + 2 * mixed
+    return known
 
 
 def standardised_residuals(lin: Linearised, precision: Precision, weights: Weights) -> RayPairs:
@@ -336,7 +362,7 @@ def _ground_scores(
     """Largest standardised residual of each point's known coordinates; 0 for points that keep."""
     rays, count = network.rays, network.points.count
     known = network.points.known_weight > 0
-    variance = 1 - np.where(known, precision.points, 0.0) * network.points.known_weight**2
+    variance = 1 - np.where(known, precision.known, 0.0) * network.points.known_weight**2
     checked = (variance > SMALLEST_REDUNDANCY) & known
     scale = np.sqrt(np.where(checked, variance, 1.0))
     scores = np.where(checked, np.abs(lin.ground) / scale, 0.0)

@@ -136,7 +136,7 @@ def _figures(
     """Values (millimetres at the corner, metres, radians), cofactors' roots and correlations."""
     known = (state.constants - network.priors.constants)[:, :CONSTANTS]
     lens = np.concatenate([known, state.additional], axis=1) * network.scale
-    values = np.append(lens.ravel()[: network.lensed], state.positioning)
+    values = np.concatenate([lens.ravel()[: network.lensed], state.shifts, state.positioning])
     sigmas = np.sqrt(np.diag(precision.constants))
     scale = np.outer(sigmas, sigmas)
     return values, sigmas, precision.constants / np.where(scale > 0, scale, 1.0)
@@ -153,8 +153,8 @@ def _names(network: Network) -> tuple[list[str], list[str], list[float]]:
             owners += [camera] * network.lens
             names += [*CONSTANT_NAMES, *more]
             units += [1.0, 1.0, 1.0, 1000.0, 1000.0] + [1000.0] * len(more)
-    positioning = network.positioning
-    owners += positioning.owners
-    names += positioning.names
-    units += [float(np.degrees(1.0)) if n.endswith("_deg") else 1.0 for n in positioning.names]
+    for more in (network.points.shifts, network.positioning):
+        owners += more.owners
+        names += more.names
+        units += [float(np.degrees(1.0)) if n.endswith("_deg") else 1.0 for n in more.names]
     return owners, names, units

@@ -94,8 +94,8 @@ class Normals:
     """B L^-T of each ray, B its derivatives by the point."""
     photo_rays: Float64[np.ndarray, "6 rays 3"]
     """W L^-T of each ray and its photo."""
-    camera_points: Float64[np.ndarray, "lensed points 3"]
-    """W L^-T of each point and the cameras' constants."""
+    camera_points: Float64[np.ndarray, "pointed points 3"]
+    """W L^-T of each point and the cameras' constants, then the shifts of references."""
     root: Float64[np.ndarray, "6 points"]
     """L of each point: entries 00, 10, 11, 20, 21, 22."""
     point_side: Float64[np.ndarray, "points 3"]
@@ -105,7 +105,7 @@ class Normals:
     photo_side: Float64[np.ndarray, "photos 6"]
     """Reduced gradient of the photos."""
     camera_side: Float64[np.ndarray, "shared"]
-    """Reduced gradient of the cameras' constants."""
+    """Reduced gradient of what photos share."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,6 +118,8 @@ class Increment:
     """Camera constants, unscaled, and additional parameters."""
     positioning: Float64[np.ndarray, "unknowns"]
     """Shifts, drifts (metres) and misalignment (radians)."""
+    shifts: Float64[np.ndarray, "shifts"]
+    """Of references, metres."""
     points: Float64[np.ndarray, "points 3"]
     """Object points, metres."""
     decrement: float
@@ -133,7 +135,12 @@ def normals_of(
     """
     root, by_point, point_side = _eliminate_points(network, lin, weights, damping)
     photo_rays = _shared_with_photos(lin, by_point, weights)
-    camera_points = _shared_with_cameras(network, lin, by_point, weights)
+    camera_points = np.concatenate(
+        [
+            _shared_with_cameras(network, lin, by_point, weights),
+            _shared_with_shifts(network, root),
+        ]
+    )
     system = _Reduced(network, pattern)
     system.add_rays(lin, weights)
     system.add_priors(lin)
@@ -215,6 +222,20 @@ def _shared_with_cameras(
     return shared
 
 
+def _shared_with_shifts(
+    network: Network, root: Float64[np.ndarray, "6 points"]
+) -> Float64[np.ndarray, "shifts points 3"]:
+    """W L^-T of each point with the shifts of references: both make up a known coordinate."""
+    shifts, known = network.points.shifts, network.points.known_weight
+    shared = np.zeros((shifts.count, network.points.count, 3))
+    for axis in range(3):
+        rows = np.flatnonzero(shifts.of_point[:, axis] >= 0)
+        unit = np.zeros((3, len(rows)))
+        unit[axis] = known[rows, axis] ** 2
+        shared[shifts.of_point[rows, axis], rows] = forward3(root[:, rows], unit).T
+    return shared
+
+
 class _Reduced:
     """The reduced normal equations while they are summed up."""
 
@@ -266,18 +287,32 @@ class _Reduced:
         turned = np.swapaxes(lin.angles_by_rotation, 1, 2)
         self._blocks[:, 3:, 3:] += turned @ lin.angles_by_rotation
         self.photo_side[:, 3:] += (turned @ lin.angles[:, :, None])[:, :, 0]
-        lensed = self._network.lensed
+        lensed, shifts = self._network.lensed, self._network.points.shifts
         weights = np.concatenate(
-            [priors.constant_weights.ravel()[:lensed], self._network.positioning.weights]
+            [
+                priors.constant_weights.ravel()[:lensed],
+                shifts.weights,
+                self._network.positioning.weights,
+            ]
         )
+        residuals = [lin.constants.ravel()[:lensed], lin.shifts, lin.positioning]
         self._corner += np.diag(weights**2)
-        self.camera_side += weights * np.append(lin.constants.ravel()[:lensed], lin.positioning)
+        self.camera_side += weights * np.concatenate(residuals)
+        self._add_shifts(lin)
         if self._network.positioning.count:
             self._add_positioning(lin, turned)
 
+    def _add_shifts(self, lin: Linearised) -> None:
+        """What known coordinates say of the shifts of their references."""
+        points, first = self._network.points, self._network.lensed
+        own = points.shifts.of_point >= 0
+        unknown, weights = first + points.shifts.of_point[own], points.known_weight[own]
+        np.add.at(self._corner, (unknown, unknown), weights**2)
+        np.add.at(self.camera_side, unknown, weights * lin.ground[own])
+
     def _add_positioning(self, lin: Linearised, turned: Float64[np.ndarray, "photos 3 3"]) -> None:
         """What measured centres and angles say of shift, drift and misalignment."""
-        part = slice(self._network.lensed, None)
+        part = slice(self._network.pointed, None)
         weights = self._network.priors.centre_weights[:, :, None]
         self._border[:, :3, part] += weights * lin.centres_by_positioning
         self._border[:, 3:, part] += turned @ lin.angles_by_positioning
@@ -298,7 +333,7 @@ class _Reduced:
     def take_off_points(
         self,
         photo_rays: Float64[np.ndarray, "6 rays 3"],
-        camera_points: Float64[np.ndarray, "lensed points 3"],
+        camera_points: Float64[np.ndarray, "pointed points 3"],
         point_side: Float64[np.ndarray, "points 3"],
     ) -> None:
         """Eliminate the points from photos' own blocks, border, corner and gradient."""
@@ -371,8 +406,8 @@ def solve(network: Network, pattern: Pattern, normals: Normals) -> Increment:
     moved = normals.point_side.T.copy()
     for axis in range(3):
         moved[axis] += np.bincount(rays.point, by_ray[axis], network.points.count)
-    lensed = network.lensed
-    moved += np.tensordot(shared[:lensed], normals.camera_points, axes=1).T
+    lensed, pointed = network.lensed, network.pointed
+    moved += np.tensordot(shared[:pointed], normals.camera_points, axes=1).T
     constants = np.zeros((len(network.cameras), network.lens))
     if network.estimate_cameras:
         constants = shared[:lensed].reshape(-1, network.lens) / network.scale
@@ -380,7 +415,8 @@ def solve(network: Network, pattern: Pattern, normals: Normals) -> Increment:
     return Increment(
         photos=photos,
         constants=constants,
-        positioning=shared[lensed:],
+        positioning=shared[pointed:],
+        shifts=shared[lensed:pointed],
         points=-backward3(normals.root, moved).T,
         decrement=float(np.sum(normals.point_side**2) - fall),
     )

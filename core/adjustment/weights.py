@@ -63,7 +63,7 @@ def _ground(network: Network, fit: Fit, precision: Precision) -> dict[str, Class
     alive = np.bincount(network.rays.point[fit.taking_part], minlength=points.count) > 0
     known = (points.known_weight > 0) & alive[:, None]
     # A point that lost all its rays may have no variance: it does not count.
-    checked = 1 - np.where(known, precision.points, 0.0) * points.known_weight**2
+    checked = 1 - np.where(known, precision.known, 0.0) * points.known_weight**2
     control = np.arange(points.count) >= len(points.tie)
     plan = np.array([True, True, False])
     classes: dict[str, ClassFigures] = {}
@@ -84,7 +84,7 @@ def _ground(network: Network, fit: Fit, precision: Precision) -> dict[str, Class
 
 def _positions(network: Network, lin: Linearised, precision: Precision) -> dict[str, ClassFigures]:
     """Perspective centres and angles that were measured in flight."""
-    priors, first = network.priors, network.lensed
+    priors, first = network.priors, network.pointed
     identity = np.broadcast_to(np.eye(3), (len(network.photos), 3, 3))
     classes: dict[str, ClassFigures] = {}
     # Three coordinates, then three angles.

@@ -12,7 +12,7 @@ from core.adjustment.network import network_of
 from core.adjustment.reliability import precision_of
 from core.adjustment.solver import normals_of, pattern_of, solve
 from core.adjustment.weights import classes_of
-from core.block import ExteriorPrior
+from core.block import ExteriorPrior, OlderReference
 from tests.flights import FlightPlan, fly
 
 PLAN = FlightPlan(strips=2, photos_per_strip=3, ties=40, control=8, check=0)
@@ -23,13 +23,16 @@ class Full:
 
     def __init__(self, options, seed=0):
         block = fly(PLAN, np.random.default_rng(seed)).block
+        if options is SHIFTED:
+            block = with_older_points(block)
         prior = ExteriorPrior(np.full(3, 0.5), np.full(3, 0.01))
         photos = {name: replace(photo, prior=prior) for name, photo in block.photos.items()}
         self.network = network_of(replace(block, photos=photos), options)
         state, placed = initial_state(self.network)
         assert placed.all()
         turned = np.random.default_rng(3).normal(size=self.network.positioning.count) * 0.01
-        state = replace(state, positioning=turned)
+        shifts = np.linspace(-0.3, 0.2, self.network.points.shifts.count)
+        state = replace(state, positioning=turned, shifts=shifts)
         self.lin = linearise(self.network, state)
         self.weights = np.random.default_rng(1).uniform(0.2, 1.0, len(placed))
         self.pattern = pattern_of(self.network)
@@ -56,6 +59,9 @@ class Full:
             row = np.zeros(size)
             column = self.photos + self.shared + 3 * point + axis
             row[column] = network.points.known_weight[point, axis]
+            shift = network.points.shifts.of_point[point, axis]
+            if shift >= 0:
+                row[self.photos + network.lensed + shift] = row[column]
             rows.append(row)
             side.append(lin.ground[point, axis])
         for photo in range(len(network.photos)):
@@ -63,15 +69,16 @@ class Full:
                 row, turn = np.zeros((2, size))
                 row[6 * photo + axis] = network.priors.centre_weights[photo, axis]
                 turn[6 * photo + 3 : 6 * photo + 6] = lin.angles_by_rotation[photo, axis]
-                part = slice(self.photos + network.lensed, self.photos + self.shared)
+                part = slice(self.photos + network.pointed, self.photos + self.shared)
                 row[part] = lin.centres_by_positioning[photo, axis]
                 turn[part] = lin.angles_by_positioning[photo, axis]
                 rows += [row, turn]
                 side += [lin.centres[photo, axis], lin.angles[photo, axis]]
-        weights = np.append(
-            network.priors.constant_weights[0, : network.lensed], network.positioning.weights
-        )
-        known = np.append(lin.constants[0, : network.lensed], lin.positioning)
+        weights = [network.priors.constant_weights[0, : network.lensed]]
+        weights += [network.points.shifts.weights, network.positioning.weights]
+        weights = np.concatenate(weights)
+        known = [lin.constants[0, : network.lensed], lin.shifts, lin.positioning]
+        known = np.concatenate(known)
         for axis in range(self.shared):
             row = np.zeros(size)
             row[self.photos + axis] = weights[axis]
@@ -86,7 +93,20 @@ WITH_ALL = AdjustmentOptions(
     gnss_drift=True,
     misalignment=True,
 )
-CHOICES = [AdjustmentOptions(), AdjustmentOptions(estimate_cameras=False), WITH_ALL]
+SHIFTED = AdjustmentOptions(gnss_shift="block")
+CHOICES = [AdjustmentOptions(), AdjustmentOptions(estimate_cameras=False), WITH_ALL, SHIFTED]
+
+
+def with_older_points(block):
+    """Half the control points of two references with shifts, one of them without any in height."""
+    older = [OlderReference("1984", (0.3, 0.3, 0.0)), OlderReference("1953", (0.5, 0.5, 0.8))]
+    names = sorted(block.surveyed)
+    moved = {
+        name: replace(block.surveyed[name], shifted=one)
+        for number, one in enumerate(older)
+        for name in names[number::4]
+    }
+    return replace(block, surveyed={**block.surveyed, **moved})
 
 
 @pytest.mark.parametrize("options", CHOICES)
@@ -99,7 +119,8 @@ def test_reduced_normal_equations_give_the_full_solution__law(options, damping):
     normals = normals_of(full.network, full.pattern, full.lin, full.weights, damping=damping)
     step = solve(full.network, full.pattern, normals)
     scaled = (step.constants * full.network.scale).ravel()[: full.network.lensed]
-    ours = np.concatenate([step.photos.ravel(), scaled, step.positioning, step.points.ravel()])
+    shared = [scaled, step.shifts, step.positioning]
+    ours = np.concatenate([step.photos.ravel(), *shared, step.points.ravel()])
     sigmas = np.sqrt(np.diag(np.linalg.inv(normal)))
     # In units of each unknown's own standard deviation.
     np.testing.assert_allclose(ours / sigmas, expected / sigmas, atol=1e-6)
@@ -168,7 +189,9 @@ def test_two_cameras_share_one_border__law():
     for _ in range(6):
         lin = linearise(network, state)
         step = solve(network, pattern, normals_of(network, pattern, lin, weights, damping=0.0))
-        state = state.moved(step.photos, step.constants, step.positioning, step.points)
+        state = state.moved(
+            step.photos, step.constants, step.positioning, step.shifts, step.points
+        )
     assert step.decrement < 1e-9
     assert network.shared == 10
     assert not np.allclose(state.constants[0, :3], state.constants[1, :3], atol=1e-4)
