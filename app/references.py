@@ -1,6 +1,7 @@
 """`[reference]` and `[[reference.other]]` of `block.toml`: what is known of the ground."""
 
 import os
+from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,6 @@ from core.matching.reference import (
     ORTHO_SIGMA,
     ReferenceFiles,
     ReferenceLayer,
-    count_by_layer,
 )
 from core.raster.dem import open_dem
 from core.raster.ortho import Ortho, open_ortho
@@ -117,7 +117,8 @@ class ReferenceSection(DatedReference):
         away = [np.inf if one.year is None else abs(one.year - flown) for one in tied]
         for number in np.argsort(away, kind="stable"):
             one = tied[number]
-            yield ReferenceLayer(one.name(folder), one.ortho, one.dem, *one.sigmas_m(crs))
+            sigmas_m = one.sigmas_m(crs)
+            yield ReferenceLayer(one.name(folder), one.ortho, one.dem, *sigmas_m, one is self)
 
 
 def named(path: Path, folder: Path, year: int | None) -> str:
@@ -177,13 +178,11 @@ def tied_to(files: ReferenceFiles, report: AdjustmentReport) -> dict[ReferenceLa
     """How many control points in use each reference gave; nothing where there is but one."""
     block = report.block
     used = {key[0] for key, m in block.measurements.items() if report.final_status(m)[0] in USED}
-    given = (block.surveyed[name] for name in sorted(used))
-    places = [
-        point.position[:2]
-        for point in given
-        if point.role == "control" and point.source != "surveyed"
-    ]
-    return count_by_layer(files, np.array(places).reshape(-1, 2))
+    given = (block.surveyed[name] for name in used)
+    counts = Counter(
+        point.shifted for point in given if point.role == "control" and point.source != "surveyed"
+    )
+    return {one: counts[one.shifted] for one in files.layers}
 
 
 def _other(table: Table, years_of: YearsOf) -> OtherReference:

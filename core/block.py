@@ -133,7 +133,7 @@ class Photo:
 
 
 @dataclass(frozen=True, slots=True)
-class OlderReference:
+class ShiftedReference:
     """A reference whose points may all lie off the same way: the adjustment estimates its shift."""
 
     name: str
@@ -160,7 +160,7 @@ class SurveyedPoint:
     """What it is, in the surveyor's words."""
     sketch: str = ""
     """Name of the file with its sketch or photograph."""
-    shifted: OlderReference | None = None
+    shifted: ShiftedReference | None = field(default=None, metadata={"later": True})
     """The reference it shares a shift with; None for what defines the datum."""
 
     def __post_init__(self) -> None:

@@ -37,6 +37,7 @@ from core.block import (
     Peak,
     Photo,
     Reading,
+    ShiftedReference,
     SurveyedPoint,
     TiePoints,
 )
@@ -142,6 +143,7 @@ REGISTERED: tuple[type, ...] = (
     SeamFit,
     SharedParameter,
     SheetFile,
+    ShiftedReference,
     SurfaceFiles,
     SurfaceProduct,
     SurveyedPoint,

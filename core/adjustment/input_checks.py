@@ -97,12 +97,19 @@ def _twice(block: Block, control: Mapping[Key, Measurement]) -> dict[Key, str]:
         tree = KDTree([(item.column, item.row) for item in items])
         for first, second in sorted(tree.query_pairs(SAME_PIXEL)):
             one, other = items[first], items[second]
+            if _of_two_references(block, one, other):
+                continue
             gap = block.surveyed[one.point_id].position - block.surveyed[other.point_id].position
             if float(np.linalg.norm(gap)) < SAME_PLACE_M:
                 reasons[other.key] = (
                     f"It is the point {one.point_id} once more, under another name."
                 )
     return reasons
+
+
+def _of_two_references(block: Block, one: Measurement, other: Measurement) -> bool:
+    """Whether two orthos were compared with the same place: each says something of its own."""
+    return block.surveyed[one.point_id].shifted != block.surveyed[other.point_id].shifted
 
 
 def _doubts_of(reasons: Mapping[Key, str]) -> list[Doubt]:

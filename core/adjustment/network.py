@@ -143,7 +143,7 @@ class Network:
 
     @property
     def lensed(self) -> int:
-        """Number of unknowns of all cameras; those of references and positioning come after them."""
+        """Number of unknowns of all cameras; then come references and positioning."""
         return self.lens * len(self.cameras) if self.estimate_cameras else 0
 
     @property

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int
 
-from core.block import OlderReference
+from core.block import ShiftedReference
 
 AXES = "ENH"
 
@@ -40,7 +40,7 @@ class ReferenceShifts:
         return np.append(shifts, 0.0)[self.of_point]
 
 
-def shifts_of(points: Sequence[OlderReference | None]) -> ReferenceShifts:
+def shifts_of(points: Sequence[ShiftedReference | None]) -> ReferenceShifts:
     """Which unknowns some points share.
 
     Args:

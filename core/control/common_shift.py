@@ -5,7 +5,6 @@ photo alike. Salient points may therefore agree with each other and all be off i
 which their residuals do not show. Road junctions do, where they hold the block by themselves.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +12,7 @@ from jaxtyping import Float64
 
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
-from core.block import UNKNOWN_M, Block
+from core.block import UNKNOWN_M, Block, SurveyedPoint
 from core.doubts import Doubt
 from core.geometry.robust import robust_sigma
 from core.said import say
@@ -43,7 +42,7 @@ class CommonShift:
     points: tuple[str, ...]
     """The salient points in use."""
     reference: str = ""
-    """Which reference they come from, where there are several."""
+    """Which reference they come from, where that has a shift of its own."""
 
     @property
     def shared_m(self) -> Float64[np.ndarray, "2"]:
@@ -51,21 +50,17 @@ class CommonShift:
         return np.sqrt(np.maximum(self.shift_m**2 - self.sigma_m**2, 0.0))
 
 
-def common_shifts(
-    block: Block, options: AdjustmentOptions, reference_of: Mapping[str, str] | None = None
-) -> tuple[CommonShift, ...]:
+def common_shifts(block: Block, options: AdjustmentOptions) -> tuple[CommonShift, ...]:
     """Adjust with the plan of all salient points left open, and see where they come to lie.
 
     Args:
         block: An oriented block with its control.
         options: The adjustment.
-        reference_of: Which reference each point comes from, where there are several.
 
     Returns:
         For each reference the mean over its points without gross ones, with its standard deviation;
         none where there are too few of either kind.
     """
-    among = reference_of or {}
     used = {key[0] for key, item in block.measurements.items() if block.steers(item)}
     of = {
         source: [name for name in sorted(used) if block.surveyed[name].source == source]
@@ -82,7 +77,7 @@ def common_shifts(
     groups: dict[str, list[str]] = {}
     for name in of["salient"]:
         if name in report.surveyed_positions:
-            groups.setdefault(among.get(name, ""), []).append(name)
+            groups.setdefault(_reference_of(block.surveyed[name]), []).append(name)
     return tuple(
         _shift_of(report, block, tuple(points), reference)
         for reference, points in groups.items()
@@ -106,9 +101,11 @@ def _shift_of(
     return CommonShift(off.mean(axis=0), sigma, points, reference)
 
 
-def weigh_salient_points(
-    block: Block, shift: CommonShift, reference_of: Mapping[str, str] | None = None
-) -> tuple[Block, tuple[Doubt, ...]]:
+def _reference_of(point: SurveyedPoint) -> str:
+    return "" if point.shifted is None else point.shifted.name
+
+
+def weigh_salient_points(block: Block, shift: CommonShift) -> tuple[Block, tuple[Doubt, ...]]:
     """The block with its salient points given what they are worth together, and what to tell.
 
     Those of other references keep their worth.
@@ -116,13 +113,12 @@ def weigh_salient_points(
     An error that n points share makes their mean no better than one point: each gets the variance
     n times the square of what they share besides its own.
     """
-    among = reference_of or {}
     shared = np.append(shift.shared_m, 0.0) * np.sqrt(len(shift.points))
     lesser = {
         name: replace(point, sigma_m=np.hypot(point.sigma_m, shared))
         for name, point in block.surveyed.items()
         if point.source == "salient" and point.role == "control"
-        if among.get(name, "") == shift.reference
+        if _reference_of(point) == shift.reference
     }
     length = float(np.hypot(*shift.shared_m))
     told = Doubt(

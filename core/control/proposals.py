@@ -13,7 +13,7 @@ import numpy as np
 
 from core.arrays import Scalars
 from core.block import Block, Measurement, Source, SurveyedPoint
-from core.control.calibration_check import Bin, Sightings, diagram, sightings
+from core.control.calibration_check import Sightings, sightings
 from core.control.search import Search
 from core.matching.probability import (
     DISPLACED_M,
@@ -71,12 +71,12 @@ def judge_searches(
     return tuple(measured[row] for row in sorted(measured)), resting
 
 
-def borne_out(
+def sightings_of(
     searches: Sequence[Search],
     sources: Mapping[str, Source],
     resting: Mapping[Kind, Calibration | None],
-) -> tuple[Bin, ...]:
-    """How far the probabilities of a block's proposals are borne out by where they lie.
+) -> list[Sightings]:
+    """What tells how far the probabilities of proposals are borne out by where they lie.
 
     Args:
         searches: All searches of a block.
@@ -93,7 +93,7 @@ def borne_out(
         if found is not None:
             window_m2 = float(np.median([search.chance.inner_m2 for search in chosen]))
             every.append(sightings(pool_searches(chosen), found, window_m2))
-    return diagram(every)
+    return every
 
 
 def pool_searches(searches: Sequence[Search]) -> Searches:
@@ -160,7 +160,9 @@ def weight_of(probability: float) -> float:
 def surveyed_of(points: ReferencePoints, sources: Mapping[str, Source]) -> dict[str, SurveyedPoint]:
     """Reference points as control points."""
     return {
-        point_id: SurveyedPoint(point_id, position, sigma, "control", sources[point_id])
+        point_id: SurveyedPoint(
+            point_id, position, sigma, "control", sources[point_id], shifted=points.shifted
+        )
         for point_id, position, sigma in zip(
             points.ids, points.positions, points.sigma_m, strict=True
         )
@@ -168,10 +170,7 @@ def surveyed_of(points: ReferencePoints, sources: Mapping[str, Source]) -> dict[
 
 
 def with_proposals(
-    block: Block,
-    points: ReferencePoints,
-    sources: Mapping[str, Source],
-    measurements: tuple[Measurement, ...],
+    block: Block, points: Mapping[str, SurveyedPoint], measurements: Sequence[Measurement]
 ) -> Block:
     """The block with newly proposed control in place of all that was proposed before.
 
@@ -180,7 +179,7 @@ def with_proposals(
     """
     kept = {name: point for name, point in block.surveyed.items() if point.source == "surveyed"}
     measured = {key: value for key, value in block.measurements.items() if key[0] in kept}
-    proposed = surveyed_of(points, sources)
+    proposed = dict(points)
     for name in kept.keys() & proposed.keys():
         other = name + PROPOSED
         proposed[other] = replace(proposed.pop(name), point_id=other)

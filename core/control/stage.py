@@ -6,6 +6,7 @@ the photos agree to a pixel, so all photos of a point are judged together. The w
 until the photos no longer move.
 """
 
+from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -14,12 +15,12 @@ import numpy as np
 from core.adjustment.adjusted import SETTLED, AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.weights import Terrain
-from core.block import Block, Photo, SurveyedPoint, TiePoints
-from core.control.calibration_check import Bin
+from core.block import Block, Measurement, Photo, SurveyedPoint, TiePoints
+from core.control.calibration_check import Bin, Sightings, diagram
 from core.control.common_shift import common_shifts, weigh_salient_points
 from core.control.datum import lay_on_reference
 from core.control.multi_photo import KeptSurfaces, joint_searches, keeping_surfaces
-from core.control.proposals import borne_out, judge_searches, with_proposals
+from core.control.proposals import judge_searches, sightings_of, surveyed_of, with_proposals
 from core.control.search import Search, on_photograph, search_points
 from core.doubts import Doubt, Failure
 from core.localisation.initial_orientation import Site, join_photos
@@ -117,8 +118,12 @@ def find_control(
         doubts = tuple(doubt for doubt in before.doubts if doubt.kind == "datum")
     # design: the rest of the time.
     rest = work.part(0.4, 1.0)
-    report, reliability = propose_and_adjust(block, site, options, before is not None, rest)
-    report, told = with_true_worth(report, options.adjustment, _references(report.block, site))
+    sites = [
+        Site(open_reference(own, block.search_bounds), scans, each.points, each.sources)
+        for (_, own), each in zip(files.each_alone, features.each_alone, strict=True)
+    ] or [site]
+    report, reliability = propose_and_adjust(block, sites, options, before is not None, rest)
+    report, told = with_true_worth(report, options.adjustment)
     return _found(report, (*doubts, *told), reliability, before)
 
 
@@ -175,33 +180,41 @@ def first_datum(
 
 
 def propose_and_adjust(
-    block: Block, site: Site, options: ControlStageOptions, agrees: bool, work: Work
+    block: Block, sites: Sequence[Site], options: ControlStageOptions, agrees: bool, work: Work
 ) -> tuple[AdjustmentReport, tuple[Bin, ...]]:
     """Control searched, judged and adjusted in rounds until the photos no longer move.
 
     Before the first adjustment (`agrees` is False) photos do not agree well enough for all photos
-    of a point to be judged together.
+    of a point to be judged together. Each reference is searched and judged by itself, for chance
+    is as high in one as in the other nowhere; all are adjusted together.
 
     Returns:
         The last adjustment, and how far its probabilities are borne out.
     """
-    searches = believed = tuple[Search, ...]()
-    report, resting = None, {}
+    found: list[tuple[Search, ...]] = [()] * len(sites)
+    report, told = None, list[Sightings]()
     with keeping_surfaces() as kept:
         for done in range(ROUNDS):
-            part = work.part(done / ROUNDS, (done + 1) / ROUNDS)
-            searches = seen = search_photos(block, site, options, searches, kept, part)
-            if agrees or done > 0:
-                seen = joint_searches(block, site, options.orientation, searches, kept, work.mapper)
-            believed = on_photograph(seen, site.scans)
-            proposed, resting = judge_searches(believed, site.sources)
-            before = with_proposals(block, site.points, site.sources, proposed)
+            together, proposed, told = agrees or done > 0, list[Measurement](), []
+            for number, site in enumerate(sites):
+                share = done + np.array([number, number + 1]) / len(sites)
+                part = work.part(*(share / ROUNDS).tolist())
+                seen = search_photos(block, site, options, found[number], kept, part)
+                found[number] = seen
+                if together:
+                    seen = joint_searches(block, site, options.orientation, seen, kept, work.mapper)
+                believed = on_photograph(seen, site.scans)
+                measured, resting = judge_searches(believed, site.sources)
+                proposed += measured
+                told += sightings_of(believed, site.sources, resting)
+            points = [surveyed_of(site.points, site.sources) for site in sites]
+            before = with_proposals(block, dict(ChainMap(*points)), proposed)
             report = adjusted_without_gross(before, options.adjustment)
             moved, block = movement(before, report), report.block
-            if moved < SETTLED and seen is not searches:
+            if moved < SETTLED and together:
                 break
     assert report is not None
-    return report, borne_out(believed, site.sources, resting)
+    return report, diagram(told)
 
 
 def search_photos(
@@ -259,32 +272,14 @@ def movement(before: Block, report: AdjustmentReport) -> float:
     return float(np.sqrt(np.mean(np.square(moved)))) if moved else float("inf")
 
 
-def _references(block: Block, site: Site) -> Mapping[str, str]:
-    """Which reference the points of a block come from; nothing where it is but one."""
-    layers, names = site.reference.layers, [*block.surveyed]
-    if not layers:
-        return {}
-    plan = np.array([block.surveyed[name].position[:2] for name in names]).reshape(-1, 2)
-    numbers = site.reference.layers_at(plan)[:, 0].tolist()
-    return {n: layers[k].name for n, k in zip(names, numbers, strict=True) if k >= 0}
-
-
 def with_true_worth(
-    report: AdjustmentReport,
-    options: AdjustmentOptions,
-    reference_of: Mapping[str, str] | None = None,
+    report: AdjustmentReport, options: AdjustmentOptions
 ) -> tuple[AdjustmentReport, tuple[Doubt, ...]]:
-    """Adjusted again where salient points share a shift, with what there is to tell of it.
-
-    Args:
-        report: The block with its control.
-        options: The adjustment.
-        reference_of: Which reference each point comes from, where there are several.
-    """
+    """Adjusted again where salient points share a shift, with what there is to tell of it."""
     block, told, lesser = report.block, list[Doubt](), False
-    for shift in common_shifts(block, options, reference_of):
+    for shift in common_shifts(block, options):
         if shift.shared_m.any():
-            block, more = weigh_salient_points(block, shift, reference_of)
+            block, more = weigh_salient_points(block, shift)
             told, lesser = [*told, *more], True
     return (adjusted_without_gross(block, options) if lesser else report), tuple(told)
 

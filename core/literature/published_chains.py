@@ -23,7 +23,7 @@ from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import adjust_block
 from core.arrays import Indices, ObjectPoints, PixelPoints, Scalars
 from core.block import Block, Measurement, Peak, Photo
-from core.control.proposals import with_proposals
+from core.control.proposals import surveyed_of, with_proposals
 from core.doubts import Doubt
 from core.literature.baselines import NccOperator
 from core.localisation.initial_orientation import Site
@@ -182,7 +182,9 @@ def assemble_published(
             for name, photo in block.photos.items()
         }
     )
-    report = adjust_block(with_proposals(standing, points, site.sources, measured), adjustment)
+    report = adjust_block(
+        with_proposals(standing, surveyed_of(points, site.sources), measured), adjustment
+    )
     return report, flatness(block, points, options)
 
 

@@ -6,7 +6,7 @@ tone.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ import shapely
 from jaxtyping import Bool, Float64, Int64
 
 from core.arrays import ObjectPoints, locked
-from core.block import Block
+from core.block import Block, ShiftedReference
 from core.formats.roads import Roads, read_roads
 from core.geometry.crs import Bounds, shared_bounds
 from core.raster.dem import Dem, PlanePoints, dems_laid_over, level_ground, open_dem
@@ -85,6 +85,16 @@ class ReferenceLayer:
     """Standard deviation of the ortho per axis, metres."""
     dem_sigma_m: float
     """Standard deviation of a height, metres."""
+    datum: bool = False
+    """Whether it says where the block lies: others may lie off against it as a whole."""
+
+    @property
+    def shifted(self) -> ShiftedReference | None:
+        """What all its points may be off together; None for the one that defines the datum."""
+        if self.datum:
+            return None
+        own_m = self.ortho_sigma_m
+        return ShiftedReference(self.name, (own_m, own_m, self.dem_sigma_m if self.dem else 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,14 +121,32 @@ class ReferenceFiles:
     """Mean height of the user's surveyed points, metres: the ground where there is no DEM."""
     area: Bounds | None = None
     """West, south, east, north of those points, metres: where the block lies without an ortho."""
+    roads_drawn: bool = field(default=True, metadata={"later": True})
+    """Whether roads are drawn into templates besides giving junctions."""
     layers: tuple[ReferenceLayer, ...] = ()
     """Where photos are tied to more than `ortho` and `dem`: all of it, these among it, in the order
-    of preference; each serves where those before it have nothing."""
+    of preference; while photos are brought into place, each serves where those before it have
+    nothing, and each gives control of its own."""
 
     @property
     def knows_ground(self) -> bool:
         """Whether a DEM or surveyed points tell the height of the ground."""
         return bool(self.dem) or self.level_m is not None
+
+    @property
+    def each_alone(self) -> "tuple[tuple[ReferenceLayer, ReferenceFiles], ...]":
+        """Every ortho of `layers` by itself, over its own heights where it has them.
+
+        Roads stay with the one that defines the datum: they are of today, and would be found twice.
+        """
+        return tuple(
+            (one, replace(self, roads_drawn=one.datum, layers=(one, *self._heights_but(one))))
+            for one in self.layers
+            if one.ortho
+        )
+
+    def _heights_but(self, layer: ReferenceLayer) -> "tuple[ReferenceLayer, ...]":
+        return tuple(replace(one, ortho=()) for one in self.layers if one is not layer)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,7 +262,8 @@ def open_reference(
     dem = open_heights(files, level_m)
     if bounds is not None:
         dem = dem.cropped(bounds)
-    roads = None if bounds is None else read_roads(files.roads, files.crs, bounds)
+    drawn = bounds is not None and files.roads_drawn
+    roads = read_roads(files.roads, files.crs, bounds) if drawn else None
     area = bounds or files.area or NOWHERE
     orthos = [one.ortho for one in files.layers] or [files.ortho]
     laid = [open_ortho(sheets, files.crs) for sheets in orthos if sheets]
@@ -272,14 +301,6 @@ def open_heights(files: ReferenceFiles, level_m: float = 0.0) -> Dem:
     if any(given):
         return dems_laid_over([open_dem(dem, files.crs) for dem in given])
     return level_ground(level_m if files.level_m is None else files.level_m, files.crs)
-
-
-def count_by_layer(files: ReferenceFiles, plan: PlanePoints) -> dict[ReferenceLayer, int]:
-    """How many places each layer's ortho shows first; nothing where the reference is but one."""
-    if not files.layers:
-        return {}
-    found = open_reference(files).layers_at(plan)[:, 0]
-    return {one: int((found == number).sum()) for number, one in enumerate(files.layers)}
 
 
 def level_of(block: Block) -> float:

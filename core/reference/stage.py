@@ -1,7 +1,7 @@
 """Stage reference: the junctions and salient points of today's ground that photos may show."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +9,19 @@ import numpy as np
 from shapely.geometry.base import BaseGeometry
 
 from core.arrays import ObjectPoints
-from core.block import Block, Source
+from core.block import Block, ShiftedReference, Source
 from core.doubts import Doubt
 from core.formats.roads import Roads, read_roads
 from core.formats.vectors import read_mask_polygons
 from core.geometry.crs import Bounds, read_crs
 from core.matching.patches import OpenPhoto
-from core.matching.reference import Reference, ReferenceFiles, layers_near, open_reference
+from core.matching.reference import (
+    Reference,
+    ReferenceFiles,
+    ReferenceLayer,
+    layers_near,
+    open_reference,
+)
 from core.progress import Progress, Work
 from core.raster.scan_file import ScanFile
 from core.reference.junctions import Junction, find_junctions
@@ -26,6 +32,8 @@ from core.said import say
 # design: 12 x 12 places are enough to orient a photo where only one in four is found.
 CELLS_ACROSS = 12
 """Cells along the shorter side of a photo in which points are wanted."""
+ALONE = "-r"
+"""Between the name of a place and the number of the reference that shows it besides today's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +46,8 @@ class ReferencePoints:
     """Where they are, metres."""
     sigma_m: ObjectPoints
     """Standard deviations per axis, metres, change between the epochs included."""
+    shifted: ShiftedReference | None = field(default=None, metadata={"later": True})
+    """What they may all be off together; None where they define the datum."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +60,8 @@ class ReferenceFeatures:
     """Junction or salient, by name."""
     doubts: tuple[Doubt, ...] = ()
     """Layers that give nothing here: roads, masks, bridges."""
+    each_alone: "tuple[ReferenceFeatures, ...]" = field(default=(), metadata={"later": True})
+    """Where photos are tied to several orthos, the points of each by itself, for control."""
 
 
 def find_reference_points(
@@ -77,10 +89,7 @@ def find_reference_points(
     if not files.ortho:
         return join_points((), ())
     bounds = block.search_bounds
-    reference = open_reference(files, bounds)
-    mask = _polygons(files.mask, files, bounds)
     roads = read_roads(files.roads, files.crs, bounds)
-    junctions = junctions_of(roads, reference, files, bounds)
     sizes = [
         (opened.width_m, opened.ground_pixel_m)
         for name, photo in block.photos.items()
@@ -88,18 +97,44 @@ def find_reference_points(
     ]
     width, pixel = np.median(np.array(sizes), axis=0)
     gsd = max(float(pixel), finest_gsd_m)
-    features = gather_reference_points(
-        reference,
-        junctions,
-        bounds,
-        float(width),
-        gsd_m=gsd,
-        mask=mask,
-        progress=work.progress,
-        mapper=work.mapper,
-    )
+    mask = _polygons(files.mask, files, bounds)
+
+    def gathered(own: ReferenceFiles, part: Work) -> ReferenceFeatures:
+        reference = open_reference(own, bounds)
+        junctions = junctions_of(roads, reference, own, bounds)
+        return gather_reference_points(
+            reference,
+            junctions,
+            bounds,
+            float(width),
+            gsd_m=gsd,
+            mask=mask,
+            progress=part.progress,
+            mapper=part.mapper,
+        )
+
+    alone = files.each_alone
+    parts = [work.part(k / (len(alone) + 1), (k + 1) / (len(alone) + 1)) for k in range(len(alone))]
+    each = [
+        _of_layer(gathered(own, part), layer, number)
+        for number, ((layer, own), part) in enumerate(zip(alone, parts, strict=True), start=1)
+    ]
+    features = gathered(files, work.part(len(alone) / (len(alone) + 1), 1.0) if alone else work)
     away = (*_elsewhere(files, bounds), *_layers_elsewhere(files, bounds))
-    return replace(features, doubts=(*roads.notes, *away))
+    return replace(features, doubts=(*roads.notes, *away), each_alone=tuple(each))
+
+
+def _of_layer(features: ReferenceFeatures, layer: ReferenceLayer, number: int) -> ReferenceFeatures:
+    """The points of one of several orthos; what does not define the datum has names of its own."""
+    if layer.datum:
+        return features
+    own = {name: f"{name}{ALONE}{number}" for name in features.points.ids}
+    points = replace(features.points, ids=tuple(own.values()), shifted=layer.shifted)
+    return replace(
+        features,
+        points=points,
+        sources={own[name]: source for name, source in features.sources.items()},
+    )
 
 
 def junctions_of(

@@ -12,7 +12,7 @@ from core.adjustment.network import network_of
 from core.adjustment.reliability import precision_of
 from core.adjustment.solver import normals_of, pattern_of, solve
 from core.adjustment.weights import classes_of
-from core.block import ExteriorPrior, OlderReference
+from core.block import ExteriorPrior, ShiftedReference
 from tests.flights import FlightPlan, fly
 
 PLAN = FlightPlan(strips=2, photos_per_strip=3, ties=40, control=8, check=0)
@@ -99,7 +99,7 @@ CHOICES = [AdjustmentOptions(), AdjustmentOptions(estimate_cameras=False), WITH_
 
 def with_older_points(block):
     """Half the control points of two references with shifts, one of them without any in height."""
-    older = [OlderReference("1984", (0.3, 0.3, 0.0)), OlderReference("1953", (0.5, 0.5, 0.8))]
+    older = [ShiftedReference("1984", (0.3, 0.3, 0.0)), ShiftedReference("1953", (0.5, 0.5, 0.8))]
     names = sorted(block.surveyed)
     moved = {
         name: replace(block.surveyed[name], shifted=one)
@@ -189,9 +189,7 @@ def test_two_cameras_share_one_border__law():
     for _ in range(6):
         lin = linearise(network, state)
         step = solve(network, pattern, normals_of(network, pattern, lin, weights, damping=0.0))
-        state = state.moved(
-            step.photos, step.constants, step.positioning, step.shifts, step.points
-        )
+        state = state.moved(step.photos, step.constants, step.positioning, step.shifts, step.points)
     assert step.decrement < 1e-9
     assert network.shared == 10
     assert not np.allclose(state.constants[0, :3], state.constants[1, :3], atol=1e-4)

@@ -12,7 +12,7 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.expected_gain import expected_gains
 from core.adjustment.influence import influence_of
 from core.block import Block, Measurement, SurveyedPoint
-from core.control.proposals import PROPOSED, with_proposals
+from core.control.proposals import PROPOSED, surveyed_of, with_proposals
 from core.control.stage import adjusted_without_gross, with_true_worth
 from core.quality.control_design import wanted_control
 from core.reference.stage import ReferencePoints
@@ -142,12 +142,14 @@ def test_a_check_point_with_the_name_of_a_proposal_does_not_take_its_place__law(
     proposed = tuple(flight.block.measurements.values())
     taken = listed[7].point_id
     mine = SurveyedPoint(taken, listed[0].position, np.full(3, 0.01), "check", "surveyed")
-    plain = with_proposals(block, points, sources, proposed)
-    mixed = with_proposals(replace(block, surveyed={taken: mine}), points, sources, proposed)
+    plain = with_proposals(block, surveyed_of(points, sources), proposed)
+    mixed = with_proposals(
+        replace(block, surveyed={taken: mine}), surveyed_of(points, sources), proposed
+    )
     assert mixed.surveyed[taken] is mine
     assert not [key for key in mixed.measurements if key[0] == taken]
     assert mixed.surveyed[taken + PROPOSED].role == "control"
-    again = with_proposals(mixed, points, sources, proposed)
+    again = with_proposals(mixed, surveyed_of(points, sources), proposed)
     for one in (mixed, again):
         assert_same(
             adjusted_without_gross(plain, AdjustmentOptions()).block,

@@ -134,12 +134,14 @@ def test_new_proposals_replace_the_old_and_leave_the_user_s_points__law(tiny):
         Measurement("S2", other, 5.0, 5.0, 1.0),
         Measurement("J1", name, 4.0, 4.0, 1.0, status="unused"),
     )
-    now = with_proposals(block, points, sources, proposed)
+    now = with_proposals(block, surveyed_of(points, sources), proposed)
     assert set(now.surveyed) == {"J1", "S2", "GCP"}  # J3 was found in no photo
     assert list(now.measurements) == [("GCP", name), ("J1", name), ("S2", other)]
     assert now.measurements[("GCP", name)].status == "accepted"
     assert now.surveyed["S2"].source == "salient"
-    assert with_proposals(now, points, sources, proposed).measurements == now.measurements
+    assert (
+        with_proposals(now, surveyed_of(points, sources), proposed).measurements == now.measurements
+    )
 
 
 def test_reference_points_become_control_with_their_accuracy__law():
