@@ -134,12 +134,13 @@ class Photo:
 
 @dataclass(frozen=True, slots=True)
 class ShiftedReference:
-    """A reference whose points may all lie off the same way: the adjustment estimates its shift."""
+    """A reference whose points lie off together: the adjustment estimates its shift and slope."""
 
     name: str
     """What the report calls it."""
     sigma_m: tuple[float, float, float]
-    """What its shift (E, N, H) may be, standard deviations, metres; 0 for what it has none in."""
+    """What its shift (E, N, H) may be, and what that may grow by to its edges: standard deviations,
+    metres; 0 for axes without any."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

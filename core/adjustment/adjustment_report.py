@@ -244,7 +244,7 @@ def _control_points(
     first = len(network.points.tie)
     rows = {name: first + row for row, name in enumerate(network.points.control)}
     rows = {name: row for name, row in rows.items() if row in alive}
-    places = fit.state.points + network.points.shifts.on_points(fit.state.shifts)
+    places = network.points.shifts.added(fit.state.points, fit.state.shifts)
     positions = {name: places[row].copy() for name, row in rows.items()}
     variances = solution.precision.known
     return positions, {name: scale * np.sqrt(variances[row]) for name, row in rows.items()}

@@ -82,12 +82,12 @@ class Equations:
         """Some known coordinates of a point."""
         weights = self.solution.network.points.known_weight[point]
         whitened = (self._inverse_root(point) * weights[:, None])[list(axes)]
-        shifts = self.solution.network.points.shifts.of_point[point]
-        first = SIZE * self.photos + self.solution.network.lensed
+        network = self.solution.network
+        shifts = network.points.shifts
+        begin, end = SIZE * self.photos + np.array([network.lensed, network.pointed])
         rows = np.zeros((len(whitened), self.unknowns))
-        for row, axis in enumerate(axes):
-            if shifts[axis] >= 0:
-                rows[row, first + shifts[axis]] = weights[axis]
+        for own in np.flatnonzero(shifts.rows == point).tolist():
+            rows[:, begin:end] = (weights[:, None] * shifts.design[own])[list(axes)]
         return self._through(rows, point, whitened), whitened
 
     def of_certificate(self, camera: int) -> Rows:

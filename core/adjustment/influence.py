@@ -255,7 +255,7 @@ def _state_of(network: Network, report: AdjustmentReport) -> State:
     )
     shifts = network.points.shifts
     state = replace(state, shifts=told[: shifts.count], positioning=told[shifts.count :])
-    return replace(state, points=points - shifts.on_points(state.shifts))
+    return replace(state, points=shifts.added(points, -state.shifts))
 
 
 def _taking_part(network: Network, report: AdjustmentReport) -> Flags:

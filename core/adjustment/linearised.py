@@ -84,7 +84,7 @@ def linearise(network: Network, state: State) -> Linearised:
         by_camera=by_camera / rays.sigma_mm,
         residuals=residuals / rays.sigma_mm,
         behind=behind,
-        ground=(state.points + network.points.shifts.on_points(state.shifts) - network.points.known)
+        ground=(network.points.shifts.added(state.points, state.shifts) - network.points.known)
         * network.points.known_weight,
         centres=(shifted - priors.centres) * priors.centre_weights,
         angles=angles,

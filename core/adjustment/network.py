@@ -342,8 +342,9 @@ def _points(block: Block, tie_point: Indices, control: tuple[str, ...]) -> Point
         known[row] = point.position
         if point.role != "new":
             weight[row] = 1.0 / np.maximum(point.sigma_m, SMALLEST_SIGMA_M)
-    owners = [None] * len(tie_point) + [block.surveyed[name].shifted for name in control]
-    return Points(tie_point, control, known, weight, shifts_of(owners))
+    first = len(tie_point)
+    references = [block.surveyed[name].shifted for name in control]
+    return Points(tie_point, control, known, weight, shifts_of(references, known[first:], first))
 
 
 def _priors(

@@ -1,8 +1,9 @@
-"""What references are off as a whole: their known coordinates = the points' own + the shift.
+"""What references are off as a whole: what one says = where a point lies + shift + slope.
 
-The mosaic of another year is shifted over large parts, all its points alike. As an unknown of its
-own, known to what the reference is said to be worth, the shift comes from the control of the
-reference that defines the datum; the other gives the shape between its points.
+The mosaic of another year is off over large parts, neighbouring points alike. Its shift, and how
+that grows from its middle to its edges, are unknowns known to what the reference is said to be
+worth. They come from the control of the reference that defines the datum; the other one gives the
+shape between its points.
 """
 
 from collections.abc import Sequence
@@ -11,9 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int
 
+from core.arrays import ObjectPoints
 from core.block import ShiftedReference
 
 AXES = "ENH"
+TERMS = ("shift_{axis}_m", "slope_{axis}_east_m", "slope_{axis}_north_m")
+"""Shift of an axis in the middle; by how much more at the eastern and the northern edge."""
+# design: keeps a division from failing.
+SMALLEST_EXTENT_M = 1.0
+"""A reference's points are taken to spread over no less than twice this, metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,8 +31,10 @@ class ReferenceShifts:
     """Reference of each unknown."""
     names: tuple[str, ...]
     """What each is called, with its unit."""
-    of_point: Int[np.ndarray, "points 3"]
-    """Unknown of each coordinate of each point, -1 for none."""
+    rows: Int[np.ndarray, "shifted"]
+    """Points that have any."""
+    design: Float64[np.ndarray, "shifted 3 shifts"]
+    """What each unknown adds to their known coordinates, metres per metre."""
     weights: Float64[np.ndarray, "shifts"]
     """Roots of the weights of their priors about nought, 1 / metres."""
 
@@ -34,29 +43,45 @@ class ReferenceShifts:
         """Number of unknowns."""
         return len(self.names)
 
-    def on_points(self, shifts: Float64[np.ndarray, "shifts"]) -> Float64[np.ndarray, "points 3"]:
-        """What the known coordinates of every point are off, metres."""
-        # The last one stands for none.
-        return np.append(shifts, 0.0)[self.of_point]
+    def added(self, points: ObjectPoints, shifts: Float64[np.ndarray, "shifts"]) -> ObjectPoints:
+        """Points as their references have them, metres."""
+        if not self.count:
+            return points
+        moved = points.copy()
+        moved[self.rows] += self.design @ shifts
+        return moved
 
 
-def shifts_of(points: Sequence[ShiftedReference | None]) -> ReferenceShifts:
+def shifts_of(
+    references: Sequence[ShiftedReference | None], known: ObjectPoints, first: int
+) -> ReferenceShifts:
     """Which unknowns some points share.
 
     Args:
-        points: The reference of each point that lies off as a whole; None for none.
+        references: The reference of each point that lies off as a whole; None for none.
+        known: Their coordinates, metres.
+        first: Number of the first of them among all points.
     """
-    references = sorted({one for one in points if one is not None}, key=lambda one: one.name)
-    unknowns = [
-        (one, axis) for one in references for axis, sigma in enumerate(one.sigma_m) if sigma > 0
-    ]
-    rows = {one: np.full(3, -1) for one in references}
-    for number, (one, axis) in enumerate(unknowns):
-        rows[one][axis] = number
-    none = np.full(3, -1)
-    return ReferenceShifts(
-        tuple(one.name for one, _ in unknowns),
-        tuple(f"shift_{AXES[axis]}_m" for _, axis in unknowns),
-        np.array([none if one is None else rows[one] for one in points]).reshape(-1, 3),
-        np.array([1 / one.sigma_m[axis] for one, axis in unknowns]),
-    )
+    rows = np.array([k for k, one in enumerate(references) if one is not None], dtype=np.int64)
+    own = [one for one in references if one is not None]
+    owners, names, sigmas = list[str](), list[str](), list[float]()
+    columns: list[Float64[np.ndarray, "shifted 3"]] = []
+    for one in sorted(set(own), key=lambda one: one.name):
+        members = np.array([other == one for other in own])
+        terms = members[:, None] * _terms(known[rows, :2], members)
+        for axis in np.flatnonzero(one.sigma_m).tolist():
+            columns += [np.outer(term, np.eye(3)[axis]) for term in terms.T]
+            names += [name.format(axis=AXES[axis]) for name in TERMS]
+            owners += [one.name] * len(TERMS)
+            sigmas += [one.sigma_m[axis]] * len(TERMS)
+    design = np.stack(columns, axis=2) if columns else np.zeros((len(rows), 3, 0))
+    return ReferenceShifts(tuple(owners), tuple(names), first + rows, design, 1 / np.array(sigmas))
+
+
+def _terms(
+    plan: Float64[np.ndarray, "shifted 2"], members: np.ndarray
+) -> Float64[np.ndarray, "shifted 3"]:
+    """One, and the place between the edges (-1 to 1 for the members) to the east and the north."""
+    low, high = plan[members].min(axis=0), plan[members].max(axis=0)
+    half = np.maximum((high - low) / 2, SMALLEST_EXTENT_M)
+    return np.column_stack([np.ones(len(plan)), (plan - (low + high) / 2) / half])

@@ -304,14 +304,15 @@ def _known_variances(
 ) -> Float64[np.ndarray, "points 3"]:
     """Variances of point plus shift: between both are -Q Y L^-1."""
     shifts, known = network.points.shifts, points.copy()
+    own = slice(network.lensed, network.pointed)
     for axis in range(3):
-        rows = np.flatnonzero(shifts.of_point[:, axis] >= 0)
-        unknown = network.lensed + shifts.of_point[rows, axis]
-        unit = np.zeros((3, len(rows)))
+        unit = np.zeros((3, len(shifts.rows)))
         unit[axis] = 1.0
-        column = forward3(normals.root[:, rows], unit)
-        mixed = -np.sum(camera_part[unknown, rows] * column.T, axis=1)
-        known[rows, axis] += corner[unknown, unknown] + 2 * mixed
+        column = forward3(normals.root[:, shifts.rows], unit)
+        mixed = -np.einsum("unk,kn->nu", camera_part[own][:, shifts.rows], column)
+        by_shift = shifts.design[:, axis]
+        moved = by_shift @ corner[own, own] + 2 * mixed
+        known[shifts.rows, axis] += np.sum(moved * by_shift, axis=1)
     return known
 
 

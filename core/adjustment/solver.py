@@ -228,11 +228,9 @@ def _shared_with_shifts(
     """W L^-T of each point with the shifts of references: both make up a known coordinate."""
     shifts, known = network.points.shifts, network.points.known_weight
     shared = np.zeros((shifts.count, network.points.count, 3))
-    for axis in range(3):
-        rows = np.flatnonzero(shifts.of_point[:, axis] >= 0)
-        unit = np.zeros((3, len(rows)))
-        unit[axis] = known[rows, axis] ** 2
-        shared[shifts.of_point[rows, axis], rows] = forward3(root[:, rows], unit).T
+    own = (known[shifts.rows, :, None] ** 2 * shifts.design).transpose(2, 1, 0)
+    for unknown in range(shifts.count):
+        shared[unknown, shifts.rows] = forward3(root[:, shifts.rows], own[unknown]).T
     return shared
 
 
@@ -304,11 +302,12 @@ class _Reduced:
 
     def _add_shifts(self, lin: Linearised) -> None:
         """What known coordinates say of the shifts of their references."""
-        points, first = self._network.points, self._network.lensed
-        own = points.shifts.of_point >= 0
-        unknown, weights = first + points.shifts.of_point[own], points.known_weight[own]
-        np.add.at(self._corner, (unknown, unknown), weights**2)
-        np.add.at(self.camera_side, unknown, weights * lin.ground[own])
+        points, part = self._network.points, slice(self._network.lensed, self._network.pointed)
+        own = points.shifts.rows
+        rows = points.known_weight[own, :, None] * points.shifts.design
+        rows = rows.reshape(3 * len(own), points.shifts.count)
+        self._corner[part, part] += rows.T @ rows
+        self.camera_side[part] += rows.T @ lin.ground[own].ravel()
 
     def _add_positioning(self, lin: Linearised, turned: Float64[np.ndarray, "photos 3 3"]) -> None:
         """What measured centres and angles say of shift, drift and misalignment."""

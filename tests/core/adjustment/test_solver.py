@@ -59,9 +59,10 @@ class Full:
             row = np.zeros(size)
             column = self.photos + self.shared + 3 * point + axis
             row[column] = network.points.known_weight[point, axis]
-            shift = network.points.shifts.of_point[point, axis]
-            if shift >= 0:
-                row[self.photos + network.lensed + shift] = row[column]
+            shifts = network.points.shifts
+            for own in np.flatnonzero(shifts.rows == point):
+                part = slice(self.photos + network.lensed, self.photos + network.pointed)
+                row[part] = row[column] * shifts.design[own, axis]
             rows.append(row)
             side.append(lin.ground[point, axis])
         for photo in range(len(network.photos)):
