@@ -3,7 +3,7 @@
 import os
 from collections import Counter
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +104,8 @@ class ReferenceSection(DatedReference):
     def layers(self, crs: str, taken: Collection[str], folder: Path) -> Iterator[ReferenceLayer]:
         """What photos are tied to, nearest in time first; nothing where it is this one alone.
 
+        This one says where the block lies; the others may be shifted against it.
+
         Args:
             crs: The block's CRS.
             taken: Days, months or years of exposure.
@@ -117,8 +119,8 @@ class ReferenceSection(DatedReference):
         away = [np.inf if one.year is None else abs(one.year - flown) for one in tied]
         for number in np.argsort(away, kind="stable"):
             one = tied[number]
-            sigmas_m = one.sigmas_m(crs)
-            yield ReferenceLayer(one.name(folder), one.ortho, one.dem, *sigmas_m, one is self)
+            layer = ReferenceLayer(one.name(folder), one.ortho, one.dem, *one.sigmas_m(crs))
+            yield replace(layer, datum=one is self)
 
 
 def named(path: Path, folder: Path, year: int | None) -> str:

@@ -38,10 +38,27 @@ def control_counts(report: AdjustmentReport) -> dict[str, Any]:
     }
 
 
-def reference_figures(tied_to: Mapping[ReferenceLayer, int]) -> list[dict[str, Any]]:
-    """What photos are tied to, where that is more than one ortho."""
+def reference_figures(
+    tied_to: Mapping[ReferenceLayer, int], report: AdjustmentReport
+) -> list[dict[str, Any]]:
+    """What photos are tied to, where that is more than one ortho, and how far each lies off.
+
+    `shift` is empty for the one that defines the datum.
+    """
+    found = {(one.owner, one.name): one for one in report.parameters}
+
+    def shift_of(name: str) -> dict[str, float]:
+        told = {axis: found.get((name, f"shift_{axis}_m")) for axis in "EN"}
+        values = {axis: one.value for axis, one in told.items() if one is not None}
+        return values | {f"sigma_{axis}": one.sigma for axis, one in told.items() if one}
+
     return [
-        {"name": one.name, "points": points, "ortho_sigma_m": one.ortho_sigma_m}
+        {
+            "name": one.name,
+            "points": points,
+            "ortho_sigma_m": one.ortho_sigma_m,
+            "shift": shift_of(one.name),
+        }
         for one, points in tied_to.items()
         if one.ortho
     ]

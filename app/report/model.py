@@ -184,7 +184,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
         "control": {
             **control_counts(report),
             **control_in_use(report, content.influence),
-            "references": reference_figures(content.tied_to),
+            "references": reference_figures(content.tied_to, report),
         },
         "residuals": residual_figures(report),
         "parameters": parameter_figures(report),

@@ -5,23 +5,29 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rasterio
+from rasterio.transform import Affine
 
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
+from core.block import ShiftedReference
 from core.control.multi_photo import keeping_surfaces
 from core.control.stage import (
     ControlStageOptions,
     adjusted_without_gross,
     movement,
+    propose_and_adjust,
     search_photos,
 )
 from core.localisation.initial_orientation import Site
 from core.localisation.photo_orientation import OrientationOptions
 from core.matching.patches import object_on_ground
 from core.progress import Work
+from core.raster.ortho import open_ortho
 from core.reference.stage import ReferencePoints
+from core.synthetic.options import CRS
 from tests.flights import FlightPlan, fly
-from tests.tiny import ground_over
+from tests.tiny import ground_over, true_ties
 
 
 def test_only_photos_that_stand_are_searched_for_control__truth(tiny):
@@ -54,6 +60,40 @@ def test_one_worker_and_two_propose_the_same__law(tiny):
         together = search_photos(block, site, options, (), kept, Work(mapper=pool.map))
     assert len(alone) > 20
     assert repr(alone) == repr(together)
+
+
+def test_an_ortho_that_lies_off_is_searched_by_itself_and_its_shift_is_found__truth(tiny, tmp_path):
+    """The ground of then, in an ortho that lies off and in one that does not."""
+    off_m = np.array([2.0, -1.0, 0.0])
+    with rasterio.open(tiny.truth.archival_ortho) as right:
+        moved = Affine.translation(*off_m[:2]) @ right.transform
+        with rasterio.open(
+            tmp_path / "off.tif", "w", **right.profile | {"transform": moved}
+        ) as off:
+            off.write(right.read())
+    ground = ground_over(tiny, 5)
+    sigma_m, mosaic = np.full(ground.shape, 0.3), ShiftedReference("mosaic", (3.0, 3.0, 0.0))
+    ids = [tuple(f"{word}{i:02d}" for i in range(len(ground))) for word in ("P", "M")]
+    points = [
+        ReferencePoints(ids[0], ground, sigma_m),
+        ReferencePoints(ids[1], ground + off_m, sigma_m, mosaic),
+    ]
+    now = tiny.archival()
+    then = replace(now, ortho=open_ortho([tmp_path / "off.tif"], CRS))
+    sites = [
+        Site(reference, tiny.scans, own, dict.fromkeys(own.ids, "salient"))
+        for reference, own in zip((now, then), points, strict=True)
+    ]
+    block = tiny.block.with_photos({n: replace(p, oriented=True) for n, p in tiny.photos.items()})
+    block = replace(block, ties=true_ties(tiny))
+    options = ControlStageOptions(orientation=OrientationOptions(template_half_px=30))
+    report, _ = propose_and_adjust(block, sites, options, True, Work())
+    told = {one.name: one for one in report.parameters if one.owner == "mosaic"}
+    for name, true in (("shift_E_m", 2.0), ("shift_N_m", -1.0)):
+        assert told[name].value == pytest.approx(true, abs=3 * told[name].sigma)
+        assert told[name].sigma < 0.15
+    used = {key[0][0] for key, item in report.block.measurements.items() if item.used}
+    assert used == {"P", "M"}
 
 
 def gross_flight():

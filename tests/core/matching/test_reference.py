@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
+from core.block import ShiftedReference
 from core.formats.roads import Roads, no_roads
 from core.matching.reference import (
     STEP_M,
@@ -14,7 +15,6 @@ from core.matching.reference import (
     WIDTHS_M,
     ReferenceFiles,
     ReferenceLayer,
-    count_by_layer,
     lines_on_ground,
     open_reference,
 )
@@ -74,7 +74,7 @@ def test_each_layer_serves_where_those_before_it_have_nothing__law(tmp_path: Pat
     layers = (
         ReferenceLayer("old", (old,), (), 1.5, 0.5),
         ReferenceLayer("hill", (), (hill,), 0.25, 4.0),
-        ReferenceLayer("today", (today,), (plain,), 0.3, 0.6),
+        ReferenceLayer("today", (today,), (plain,), 0.3, 0.6, datum=True),
     )
     files = ReferenceFiles(PLANE, (today,), (plain,), ortho_sigma_m=0.3, dem_sigma_m=0.6)
     files = replace(files, layers=layers)
@@ -83,7 +83,6 @@ def test_each_layer_serves_where_those_before_it_have_nothing__law(tmp_path: Pat
     plan = np.vstack([west, east, beyond])
     assert reference.layers_at(plan).tolist() == [[0, 1], [2, 2], [-1, -1]]
     assert reference.sigmas_m(plan).tolist() == [[1.5, 4.0], [0.3, 0.6], [0.3, 0.6]]
-    assert list(count_by_layer(files, plan).values()) == [1, 0, 1]
     seen = reference.ortho.read(Grid(WEST, NORTH, 1.0, 200, 100)).values
     # Kernels reach over the rim of the old ortho.
     assert seen[8:-8, 8:92] == pytest.approx(60, abs=1e-3)
@@ -93,5 +92,11 @@ def test_each_layer_serves_where_those_before_it_have_nothing__law(tmp_path: Pat
     assert np.isnan(heights[2])
     assert reference.dem.ground_sample_distance_m == 1.0
     assert reference.ortho.ground_sample_distance_m == 0.5
+    ((old_one, alone), (_, datum)) = files.each_alone
+    assert (old_one.shifted, layers[2].shifted) == (ShiftedReference("old", (1.5, 1.5, 0.0)), None)
+    assert [files.roads_drawn for files in (alone, datum)] == [False, True]
+    alone = open_reference(alone)
+    assert alone.layers_at(plan).tolist() == [[0, 1], [-1, 2], [-1, -1]]
+    assert alone.ortho.ground_sample_distance_m == 2.0
     here = open_reference(files, (WEST + 120, NORTH - 90, WEST + 180, NORTH - 10))
     assert [layer.name for layer in here.layers] == ["today"]
