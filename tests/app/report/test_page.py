@@ -17,10 +17,11 @@ from app.report.model import ReportContent
 from app.report.page import CHAPTERS, render, requirements, under, write_report
 from app.report.plots import draw_film, draw_histogram, draw_trend, longest_mean
 from app.report.wording import fine, parameter_told
-from core.adjustment.adjusted import Contradiction
+from core.adjustment.adjusted import Contradiction, SharedParameter
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
 from core.block import TiePoints
+from core.matching.reference import ReferenceLayer
 from core.mosaic.comparison import ComparedPlaces, MosaicAccuracy
 from core.mosaic.fault_places import FaultPlace
 from core.quality.job_rules import USUAL_RULES
@@ -292,6 +293,27 @@ def test_proposals_kept_out_are_told_apart__truth(content, tmp_path):
     assert told["count"] == len(report.checks) - 5
     assert [one["point_id"] for one in told["kept_out"]["points"]] == names
     assert "Proposals kept out: 5, RMSE" in text_of(html.read_text(encoding="utf-8"))
+
+
+def test_references_are_told_with_how_far_each_lies_off__truth(content, tmp_path):
+    names = ("shift_E_m", "shift_N_m", "slope_E_east_m")
+    off = [
+        SharedParameter("../1984 (1984)", name, value, 0.05, 6.2, 0.1, "x0_mm")
+        for name, value in zip(names, (0.31, -0.12, 0.4), strict=True)
+    ]
+    report = replace(content.report, parameters=(*content.report.parameters, *off))
+    layers = {
+        ReferenceLayer("../1984 (1984)", (tmp_path / "m.tif",), (), 0.4, 0.5): 61,
+        ReferenceLayer("ortho", (tmp_path / "o.tif",), (), 0.25, 0.5, datum=True): 40,
+    }
+    html, figures = write_report(tmp_path, replace(content, report=report, tied_to=layers))
+    mosaic, today = json.loads(figures.read_text(encoding="utf-8"))["control"]["references"]
+    assert mosaic["shift"] == {"E": 0.31, "N": -0.12, "sigma_E": 0.05, "sigma_N": 0.05}
+    assert not today["shift"]
+    text = text_of(html.read_text(encoding="utf-8"))
+    assert "It lies +0.31 ± 0.05 m to the east and −0.12" in text
+    assert text.count("It lies ") == 1
+    assert "its growth to the eastern edge E, m" in text
 
 
 def test_control_in_use_is_told_worst_first_and_the_rest_is_counted__truth(content, tmp_path):
