@@ -124,16 +124,13 @@ def _headline(figures: Figures, tell: Teller) -> str:
     return tell("report.headline.relative.sigma" if known else "report.headline.relative", **told)
 
 
-SHARED = r"(gnss_shift|gnss_drift|misalignment|shift|slope)_(\w)(?:_(east|north))?_(?:m|deg)"
-"""Names of what positions and references are off together: what, axis, towards which edge."""
-
-
 def parameter_told(name: str, tell: Teller) -> str:
     """A parameter of the adjustment in words; that of another camera has its name behind."""
     first, _, owner = name.partition(" ")
-    if found := re.fullmatch(SHARED, first):
-        word = "-".join(part for part in (found[1], found[3]) if part).replace("_", "-")
-        said = tell(f"parameter.{word}", axis=found[2])
+    if found := re.fullmatch(r"(gnss_shift|gnss_drift|misalignment|shift)_(\w)_\w+", first):
+        said = tell(f"parameter.{found[1].replace('_', '-')}", axis=found[2])
+    elif found := re.fullmatch(r"slope_(\w)_(east|north)_m", first):
+        said = tell(f"parameter.slope.{found[2]}", axis=found[1])
     elif first in CONSTANT_NAMES:
         said = tell(f"parameter.{first}")
     else:
