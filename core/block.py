@@ -139,8 +139,8 @@ class ShiftedReference:
     name: str
     """What the report calls it."""
     sigma_m: tuple[float, float, float]
-    """What its shift (E, N, H) may be, and what that may grow by to its edges: standard deviations,
-    metres; 0 for axes without any."""
+    """What shift and slope make up together (E, N, H): RMS over its area that is expected, metres; 0
+    for axes without any."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

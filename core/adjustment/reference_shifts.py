@@ -18,6 +18,9 @@ from core.block import ShiftedReference
 AXES = "ENH"
 TERMS = ("shift_{axis}_m", "slope_{axis}_east_m", "slope_{axis}_north_m")
 """Shift of an axis in the middle; by how much more at the eastern and the northern edge."""
+# source: mean over a square of 1 + x^2 + y^2, x and y from -1 to 1.
+MEAN_SQUARE = 5 / 3
+"""So much larger than that of one of them is the variance of all three over the whole area."""
 # design: keeps a division from failing.
 SMALLEST_EXTENT_M = 1.0
 """A reference's points are taken to spread over no less than twice this, metres."""
@@ -73,7 +76,8 @@ def shifts_of(
             columns += [np.outer(term, np.eye(3)[axis]) for term in terms.T]
             names += [name.format(axis=AXES[axis]) for name in TERMS]
             owners += [one.name] * len(TERMS)
-            sigmas += [one.sigma_m[axis]] * len(TERMS)
+            # Together they are what the reference is said to be worth.
+            sigmas += [one.sigma_m[axis] / np.sqrt(MEAN_SQUARE)] * len(TERMS)
     design = np.stack(columns, axis=2) if columns else np.zeros((len(rows), 3, 0))
     return ReferenceShifts(tuple(owners), tuple(names), first + rows, design, 1 / np.array(sigmas))
 
