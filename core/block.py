@@ -139,8 +139,8 @@ class ShiftedReference:
     name: str
     """What the report calls it."""
     sigma_m: tuple[float, float, float]
-    """What shift and slope make up together (E, N, H): RMS over its area that is expected, metres; 0
-    for axes without any."""
+    """What shift and slope may make up together (E, N, H): RMS over its area, metres; 0 for axes
+    without any."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
