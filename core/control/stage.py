@@ -185,8 +185,8 @@ def propose_and_adjust(
     """Control searched, judged and adjusted in rounds until the photos no longer move.
 
     Before the first adjustment (`agrees` is False) photos do not agree well enough for all photos
-    of a point to be judged together. Each reference is searched and judged by itself, for chance
-    is as high in one as in the other nowhere; all are adjusted together.
+    of a point to be judged together. Each reference is searched and judged by itself, for chance is
+    not as high in one as in the other; all are adjusted together.
 
     Returns:
         The last adjustment, and how far its probabilities are borne out.
