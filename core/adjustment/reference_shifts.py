@@ -1,9 +1,9 @@
 """What references are off as a whole: what one says = where a point lies + shift + slope.
 
-The mosaic of another year is off over large parts, neighbouring points alike. Its shift, and how
-that grows from its middle to its edges, are unknowns known to what the reference is said to be
-worth. They come from the control of the reference that defines the datum; the other one gives the
-shape between its points.
+Points of another year's mosaic are off over large parts, neighbours alike: by what the mosaic is
+off, and by what all of them share in these photos. Their shift, and how that grows from the middle
+to the edges, are unknowns known to what the reference is said to be worth. They come from the
+control of the reference that defines the datum; the other one gives the shape between its points.
 """
 
 from collections.abc import Sequence

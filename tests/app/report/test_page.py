@@ -311,8 +311,8 @@ def test_references_are_told_with_how_far_each_lies_off__truth(content, tmp_path
     assert mosaic["shift"] == {"E": 0.31, "N": -0.12, "sigma_E": 0.05, "sigma_N": 0.05}
     assert not today["shift"]
     text = text_of(html.read_text(encoding="utf-8"))
-    assert "It lies +0.31 ± 0.05 m to the east and −0.12" in text
-    assert text.count("It lies ") == 1
+    assert "its points lies +0.31 ± 0.05 m to the east and −0.12" in text
+    assert text.count("Seen from these photos") == 1
     assert "its growth to the eastern edge E, m" in text
 
 
