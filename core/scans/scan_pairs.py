@@ -122,7 +122,8 @@ def _inner(small: Sequence[np.ndarray], shift: tuple[int, ...]) -> Float32[np.nd
     high, wide = (side - 2 for side in small[0].shape)
     rows = np.stack([one[row : row + high, column : column + wide].ravel() for one in small])
     rows = rows - rows.mean(axis=1, keepdims=True)
-    return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), np.float32(1e-6))
+    lengths = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.divide(rows, lengths, out=np.zeros_like(rows), where=lengths > 0)
 
 
 def _high_pass(look: Look) -> Heart:
