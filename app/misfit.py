@@ -165,20 +165,20 @@ def _compared(
 
     Of both, the one that counts more places is told.
     """
-    grey: MosaicAccuracy | None = None
+    by_gray: MosaicAccuracy | None = None
     with suppress(ReferenceDataError):
-        grey = compare_orthos(mosaic.path, ortho, progress=work.part(0.0, 0.5).progress)
-    if grey is not None and grey.n >= ALIKE * len(grey.places.verdicts):
-        return grey
+        by_gray = compare_orthos(mosaic.path, ortho, progress=work.part(0.0, 0.5).progress)
+    if by_gray is not None and by_gray.n >= ALIKE * len(by_gray.places.verdicts):
+        return by_gray
     try:
         found = compare_as_control(
             mosaic.path, ortho, mosaic.seams, errors, orientation, work.part(0.5, 1.0)
         )
     except ReferenceDataError:
-        if grey is None:
+        if by_gray is None:
             raise
-        return grey
-    return found if grey is None or found.n > grey.n else grey
+        return by_gray
+    return found if by_gray is None or found.n > by_gray.n else by_gray
 
 
 def make_places(
