@@ -5,7 +5,7 @@ does not. Overlapping photos are matched as they are and mirrored; pairs that ma
 have been scanned from different sides.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import islice, product
 from typing import Any, cast
 
@@ -172,17 +172,33 @@ def sides_shown(scans: Mapping[str, tuple[ScanFile, FilmArea]]) -> list[dict[str
     behind = {
         name: _details(np.ascontiguousarray(gray[:, ::-1])) for name, gray in pictures.items()
     }
-    names, pairs = sorted(scans), list[tuple[int, str, str, bool]]()
+
+    def matches(first: str, second: str) -> tuple[int, int]:
+        one = direct[first]
+        return _agreeing(one, direct[second]), _agreeing(one, behind[second])
+
+    return sides_of(sorted(scans), matches)
+
+
+def sides_of(
+    names: Sequence[str], matches: Callable[[str, str], tuple[int, int]]
+) -> list[dict[str, bool]]:
+    """As `sides_shown`, of photos that are matched when they are asked for.
+
+    Args:
+        names: The photos, those that follow each other on the film side by side.
+        matches: How many matches of two photos agree as they are, and with the second mirrored.
+    """
+    pairs = list[tuple[int, str, str, bool]]()
     group = {name: name for name in names}
     for first, second in islice(_by_distance(names, group), MOST_PAIRS * len(names)):
-        as_is = _agreeing(direct[first], direct[second])
-        turned = _agreeing(direct[first], behind[second])
+        as_is, turned = matches(first, second)
         more, fewer = max(as_is, turned), min(as_is, turned)
         if more >= LEAST_ALIKE and more >= AHEAD * fewer:
             pairs.append((more, first, second, turned > as_is))
             moved = group[second]
             group |= {name: group[first] for name in names if group[name] == moved}
-    return _groups(tuple(scans), pairs)
+    return _groups(names, pairs)
 
 
 def _by_distance(names: Sequence[str], group: Mapping[str, str]) -> Iterator[tuple[str, str]]:

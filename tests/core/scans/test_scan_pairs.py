@@ -4,9 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-import core.scans.scan_pairs as scan_pairs
 from core.scans.naming import WAYS
-from core.scans.scan_pairs import MOST_PAIRS, NEIGHBOURS, SIDE, look_from, same_photo, sides_shown
+from core.scans.scan_pairs import MOST_PAIRS, NEIGHBOURS, SIDE, look_from, same_photo, sides_of
 
 
 def look(rng: np.random.Generator) -> np.ndarray:
@@ -28,21 +27,19 @@ def test_copies_are_found_among_many_however_they_lie__truth(shift: tuple[int, i
 
 
 @pytest.mark.parametrize("hang_together", [True, False])
-def test_pairs_that_are_matched_grow_with_the_photos__law(
-    monkeypatch: pytest.MonkeyPatch, hang_together: bool
-) -> None:
-    count, matched = 300, list[int]()
+def test_pairs_that_are_matched_grow_with_the_photos__law(hang_together: bool) -> None:
+    names, matched = [f"{number:03}" for number in range(300)], list[str]()
 
-    def agreeing(first: int, second: int) -> int:
+    def matches(first: str, second: str) -> tuple[int, int]:
+        """Photos of ten follow each other; the last hundred are mirrored."""
         matched.append(second)
-        # Mirrored pictures are numbered from nought down; photos of ten follow each other.
-        return 50 if second > 0 and hang_together and second - first <= 10 else 0
+        near = hang_together and int(second) - int(first) <= 10
+        turned = (int(first) < 200) != (int(second) < 200)
+        return (0, 50) if near and turned else (50 * near, 0)
 
-    monkeypatch.setattr(scan_pairs, "_inside", lambda number, _: np.array([[number, -number]]))
-    monkeypatch.setattr(scan_pairs, "_details", lambda gray: int(gray[0, 0]))
-    monkeypatch.setattr(scan_pairs, "_agreeing", agreeing)
-    sides = sides_shown({f"{number:03}": (number, None) for number in range(1, count + 1)})
-    assert len(sides) == (1 if hang_together else 0)
-    # As it is and mirrored.
-    most = NEIGHBOURS if hang_together else MOST_PAIRS
-    assert len(matched) <= 2 * most * count
+    sides = sides_of(names, matches)
+    assert len(matched) <= (NEIGHBOURS if hang_together else MOST_PAIRS) * len(names)
+    groups = [
+        {side[name] for name in names[:200]} | {not side[n] for n in names[200:]} for side in sides
+    ]
+    assert [len(group) for group in groups] == [1] * hang_together
