@@ -7,7 +7,7 @@ and m the means over a square frame. Priors hold gain 1 and all else 0, which ar
 over the block.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,6 +17,7 @@ from jaxtyping import Float32, Float64
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
+from shapely import STRtree, box
 
 from core.arrays import Scalars
 from core.block import Photo
@@ -55,6 +56,9 @@ MEANS = (1 / 3, 7 / 45)
 # design: the mean of so many is known to a fortieth of the noise of one
 SAMPLES_PER_PAIR = 2000
 """Cells of one overlap that are used at most."""
+# design: a hundred megabytes of derivatives, however many photos there are
+SAMPLES_AT_ONCE = 250_000
+"""Samples that are put into normal equations at a time."""
 # design: a corner of a neighbour; what hangs on so little says nothing of the block
 LEAST_COMPARED = 0.1
 """Share of the usual cells of a photo that it is compared in, at least, to count for the block."""
@@ -201,6 +205,13 @@ class _Samples:
     powers: np.ndarray
     """r^2 and r^4 less their means (two, samples, 2)."""
 
+    def parts(self) -> "Iterator[tuple[slice, _Samples]]":
+        """Some at a time, and which they are."""
+        every = (self.photo, self.gray, self.place, self.camera, self.powers)
+        for first in range(0, self.gray.shape[1], SAMPLES_AT_ONCE):
+            part = slice(first, first + SAMPLES_AT_ONCE)
+            yield part, _Samples(*(one[:, part] for one in every))
+
 
 def balance_orthos(
     overviews: Sequence[Overview],
@@ -338,31 +349,37 @@ def _collect(
 ) -> _Samples:
     """What pairs of photos show of the same cells."""
     parts: list[tuple[np.ndarray, ...]] = []
-    for i, one in enumerate(overviews):
-        for j in range(i + 1, len(overviews)):
-            common = common_cells(one, overviews[j])
-            step = max(1, len(common.first) // SAMPLES_PER_PAIR)
-            places = common.places[::step]
-            grays = np.stack([common.first[::step], common.second[::step]]) / full_scale
-            if not len(places):
-                continue
-            views = [(i, one), (j, overviews[j])]
-            sides = [_seen(view, places, planes.get(view.photo_id)) for _, view in views]
-            names = [planes.get(view.photo_id) for _, view in views]
-            numbers = [-1 if plane is None else cameras.index(plane.camera) for plane in names]
-            parts.append(
-                (
-                    np.repeat([[i], [j]], len(places), axis=1),
-                    grays,
-                    np.stack([side[0] for side in sides]),
-                    np.repeat([[numbers[0]], [numbers[1]]], len(places), axis=1),
-                    np.stack([side[1] for side in sides]),
-                )
+    for numbers in _meeting(overviews):
+        views = [overviews[number] for number in numbers]
+        common = common_cells(*views)
+        step = max(1, len(common.first) // SAMPLES_PER_PAIR)
+        places = common.places[::step]
+        grays = np.stack([common.first[::step], common.second[::step]]) / full_scale
+        if not len(places):
+            continue
+        own = [planes.get(view.photo_id) for view in views]
+        sides = [_seen(*side) for side in zip(views, [places] * 2, own, strict=True)]
+        by_camera = [-1 if plane is None else cameras.index(plane.camera) for plane in own]
+        parts.append(
+            (
+                np.repeat(np.array(numbers, np.int32)[:, None], len(places), axis=1),
+                grays,
+                np.stack([side[0] for side in sides]),
+                np.repeat(np.array(by_camera, np.int32)[:, None], len(places), axis=1),
+                np.stack([side[1] for side in sides]),
             )
+        )
     if not parts:
         none, flat = np.zeros((2, 0, 2)), np.zeros((2, 0))
-        return _Samples(flat.astype(np.int64), flat, none, flat.astype(np.int64), none)
+        return _Samples(flat.astype(np.int32), flat, none, flat.astype(np.int32), none)
     return _Samples(*(np.concatenate(one, axis=1) for one in zip(*parts, strict=True)))
+
+
+def _meeting(overviews: Sequence[Overview]) -> list[tuple[int, int]]:
+    """Numbers of the pairs whose grids overlap, in order."""
+    boxes = [box(*view.grid.bounds) for view in overviews]
+    found = STRtree(boxes).query(boxes, predicate="intersects").T.tolist()
+    return sorted((first, second) for first, second in found if first < second)
 
 
 def _seen(
@@ -384,21 +401,26 @@ def _adjust(samples: _Samples, photos: int, cameras: int) -> Unknowns:
     every = np.concatenate([np.tile(sigmas, photos), np.full(OF_CAMERA * cameras, SIGMA_FALLOFF)])
     held = sparse.diags_array(every**-2.0) + _hold_means(samples, photos, len(given))
     unknowns = given.copy()
-    apart, design = _differences(samples, unknowns, photos)
 
     def solve(weights: Scalars) -> tuple[Unknowns, Scalars]:
-        nonlocal unknowns, apart, design
-        # A large gain enlarges its own noise.
-        scaled = weights / _noise_gains(samples, unknowns) ** 2
-        normal = design.T @ sparse.diags_array(scaled) @ design + held
-        right = design.T @ (scaled * apart) + held @ (unknowns - given)
+        nonlocal unknowns
+        normal, right = held, held @ (unknowns - given)
+        for where, part in samples.parts():
+            # A large gain enlarges its own noise.
+            scaled = weights[where] / _noise_gains(part, unknowns) ** 2
+            design = _derivatives(part, unknowns, photos)
+            normal = design.T @ sparse.diags_array(scaled) @ design + normal
+            right = design.T @ (scaled * _differences(part, unknowns, photos)) + right
         step = np.array(spsolve(sparse.csc_array(normal), right), dtype=np.float64).ravel()
         unknowns = unknowns - step
-        apart, design = _differences(samples, unknowns, photos)
         return unknowns, lengths()
 
     def lengths() -> Scalars:
-        return np.abs(apart) / _noise_gains(samples, unknowns)
+        found = np.zeros(samples.gray.shape[1])
+        for where, part in samples.parts():
+            apart = np.abs(_differences(part, unknowns, photos))
+            found[where] = apart / _noise_gains(part, unknowns)
+        return found
 
     # Ground that changed between two photos is no noise: it loses all its weight.
     weigh = partial(cauchy_weights, limit=CAUCHY_LIMIT)
@@ -428,22 +450,34 @@ def _hold_means(samples: _Samples, photos: int, unknowns: int) -> sparse.csc_arr
     return sparse.csc_array(rows.T @ rows) * 1e13
 
 
-def _differences(
-    samples: _Samples, unknowns: Unknowns, photos: int
-) -> tuple[Scalars, sparse.csr_array]:
-    """Corrected gray of the first photo less that of the second, and its derivatives."""
-    count = samples.gray.shape[1]
-    own = unknowns[: OF_PHOTO * photos].reshape(-1, OF_PHOTO)
+def _shading(samples: _Samples, side: int, unknowns: Unknowns, photos: int) -> Scalars:
+    """V of each sample in its first or second photo."""
     falloff = np.vstack([unknowns[OF_PHOTO * photos :].reshape(-1, OF_CAMERA), np.zeros((1, 2))])
-    apart = np.zeros(count)
+    return 1 + (falloff[samples.camera[side]] * samples.powers[side]).sum(axis=1)
+
+
+def _differences(samples: _Samples, unknowns: Unknowns, photos: int) -> Scalars:
+    """Corrected gray of the first photo less that of the second."""
+    own = unknowns[: OF_PHOTO * photos].reshape(-1, OF_PHOTO)
+    apart = np.zeros(samples.gray.shape[1])
+    for side, sign in enumerate((1.0, -1.0)):
+        photo, gray, place = samples.photo[side], samples.gray[side], samples.place[side]
+        toned = own[photo, 0] * _shading(samples, side, unknowns, photos) * gray
+        apart += sign * (toned + own[photo, 1] + (own[photo, 2:] * place).sum(1))
+    return apart
+
+
+def _derivatives(samples: _Samples, unknowns: Unknowns, photos: int) -> sparse.csr_array:
+    """Of the differences, by all unknowns."""
+    count = samples.gray.shape[1]
     rows, columns, values = [], [], []
     for side, sign in enumerate((1.0, -1.0)):
         photo, camera = samples.photo[side], samples.camera[side]
-        gray, place, powers = samples.gray[side], samples.place[side], samples.powers[side]
-        shading = 1 + (falloff[camera] * powers).sum(axis=1)
-        gain = own[photo, 0]
-        apart += sign * (gain * shading * gray + own[photo, 1] + (own[photo, 2:] * place).sum(1))
-        by_falloff = np.where(camera[:, None] < 0, 0.0, (gain * gray)[:, None] * powers)
+        gray, place = samples.gray[side], samples.place[side]
+        gain = unknowns[OF_PHOTO * photo]
+        shading = _shading(samples, side, unknowns, photos)
+        by_falloff = (gain * gray)[:, None] * samples.powers[side]
+        by_falloff = np.where(camera[:, None] < 0, 0.0, by_falloff)
         first = OF_PHOTO * photos + OF_CAMERA * np.maximum(camera, 0)
         terms = [shading * gray, np.ones(count), place[:, 0], place[:, 1]]
         for kind, term in enumerate(terms):
@@ -455,8 +489,7 @@ def _differences(
             columns.append(first + kind)
             values.append(sign * by_falloff[:, kind])
     placed = (np.concatenate(rows), np.concatenate(columns))
-    design = sparse.csr_array((np.concatenate(values), placed), shape=(count, len(unknowns)))
-    return apart, design
+    return sparse.csr_array((np.concatenate(values), placed), shape=(count, len(unknowns)))
 
 
 def _noise_gains(samples: _Samples, unknowns: Unknowns) -> Scalars:
