@@ -40,7 +40,9 @@ UNKNOWN_DISTANCE = (
     "# left out, it is estimated: make and model of the camera help",
     "# principal_distance_mm =",
 )
-_NOT_ROADS = ("contour", "vrstev", "rail", "zelez", "river", "stream", "vodn", "water", "border")
+_WOODS = ("wood", "forest", "lesni", "lesy", "wald")
+_WATER = ("water", "vodni", "vody", "lake", "gewaesser")
+_NOT_ROADS = ("contour", "vrstev", "rail", "zelez", "river", "stream", "border", *_WOODS, *_WATER)
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,8 +203,8 @@ def recognise_files(folder: Path, findings: Findings) -> Recognition:
         },
         tuple(dict.fromkeys(_relative(folder, layer.path) for layer in layers if _is_road(layer))),
         _polygons(folder, layers, "building", "budov", "house", "gebaeude"),
-        _polygons(folder, layers, "wood", "forest", "lesni", "wald"),
-        _polygons(folder, layers, "water", "vodni", "lake", "gewaesser"),
+        _polygons(folder, layers, *_WOODS),
+        _polygons(folder, layers, *_WATER),
         _polygons(folder, layers, "bridge", "most"),
         _table(folder, findings, CONTROL_HEADER),
         _polygons(

@@ -10,6 +10,7 @@ import shapely
 
 from app.orthos import read_area, read_polygons
 from app.project import Project
+from app.sheets_section import SheetsSection
 from core.errors import ProjectError
 from core.geometry.areas import Area, only_areas
 from core.mosaic.composition import MosaicProduct
@@ -143,6 +144,17 @@ def _letters_note(unnamed: Sequence[Corner]) -> Said:
         "there, no sheets can be cut. Give the letters in [sheets], {line}.",
         count=len(unnamed), corner=f"[{east:.0f}, {north:.0f}]", line=corner_line(unnamed[0]),
     )  # fmt: skip
+
+
+def unasked_sheets(project: Project) -> tuple[Said, ...]:
+    """A note where `[sheets]` says how sheets are to be, and nothing says which."""
+    if project.sheets.asked or project.sheets == SheetsSection():
+        return ()
+    alone = (
+        '{file}: [sheets] names no map sheets, so none are cut. Add rule = "sm5" to it, or sheets, '
+        "an index layer, to [ortho]."
+    )
+    return (say(alone, file=project.file),)
 
 
 def read_border(project: Project) -> Area | None:

@@ -6,7 +6,7 @@ from app.mosaic import check_guides
 from app.orthos import check_area
 from app.project import Project
 from app.report.wording import remarks
-from app.sheets import check_sheets, sheet_notes
+from app.sheets import check_sheets, sheet_notes, unasked_sheets
 from app.surface import check_surface
 from core.adjustment.adjusted import AdjustmentReport
 from core.doubts import Doubt
@@ -97,6 +97,8 @@ def notes_ahead(names: Collection[str], project: Project) -> list[str]:
     notes = [*check_guides(project)] if "mosaic" in names else []
     if "sheets" in names:
         notes += sheet_notes(project, check_sheets(project))
+    elif "mosaic" in names:
+        notes += unasked_sheets(project)
     return notes
 
 

@@ -45,25 +45,24 @@ SIGMA_OFFSET_SHARE = 0.15
 # design: half as loose; tilts growing along a block imitate vignetting, which is to be preferred
 SIGMA_TILT_SHARE = 0.075
 """Prior standard deviation of a tilt over half a photo about 0, as a share of the full scale."""
-# design: far below a step
-HELD = 1e-6
+HELD = 1e-6  # design: far below a step
 """Prior standard deviation of what is not estimated."""
-# design: loose: corners a third darker than the middle
-SIGMA_FALLOFF = 0.3
+SIGMA_FALLOFF = 0.3  # design: loose: corners a third darker than the middle
 """Prior standard deviation of a coefficient of vignetting about 0."""
 # source: means of r^2 and r^4 over a square whose half diagonal is 1
 MEANS = (1 / 3, 7 / 45)
 # design: the mean of so many is known to a fortieth of the noise of one
 SAMPLES_PER_PAIR = 2000
 """Cells of one overlap that are used at most."""
-# design: a hundred megabytes of derivatives, however many photos there are
-SAMPLES_AT_ONCE = 250_000
+# design: light, haze and growth differ alike over a quarter of an overlap
+INDEPENDENT = 4
+"""So many independent ones all samples of an overlap count as: errors add up over many photos."""
+SAMPLES_AT_ONCE = 250_000  # design: a hundred megabytes of derivatives
 """Samples that are put into normal equations at a time."""
 # design: a corner of a neighbour; what hangs on so little says nothing of the block
 LEAST_COMPARED = 0.1
 """Share of the usual cells of a photo that it is compared in, at least, to count for the block."""
-# design: a limit of time
-ITERATIONS = 20
+ITERATIONS = 20  # design: a limit of time
 """Reweighted solutions."""
 # design: a quarter of a gray value of 8 bits; a photo that moved a little does not move others
 STEPS = (1 / 512, 0.25 / 255)
@@ -204,10 +203,12 @@ class _Samples:
     """Number of the camera, -1 where it is unknown."""
     powers: np.ndarray
     """r^2 and r^4 less their means (two, samples, 2)."""
+    worth: np.ndarray
+    """How many independent samples each stands for (one, samples)."""
 
     def parts(self) -> "Iterator[tuple[slice, _Samples]]":
         """Some at a time, and which they are."""
-        every = (self.photo, self.gray, self.place, self.camera, self.powers)
+        every = (self.photo, self.gray, self.place, self.camera, self.powers, self.worth)
         for first in range(0, self.gray.shape[1], SAMPLES_AT_ONCE):
             part = slice(first, first + SAMPLES_AT_ONCE)
             yield part, _Samples(*(one[:, part] for one in every))
@@ -367,11 +368,12 @@ def _collect(
                 np.stack([side[0] for side in sides]),
                 np.repeat(np.array(by_camera, np.int32)[:, None], len(places), axis=1),
                 np.stack([side[1] for side in sides]),
+                np.full((1, len(places)), min(1.0, INDEPENDENT / len(places))),
             )
         )
     if not parts:
-        none, flat = np.zeros((2, 0, 2)), np.zeros((2, 0))
-        return _Samples(flat.astype(np.int32), flat, none, flat.astype(np.int32), none)
+        none, flat, number = np.zeros((2, 0, 2)), np.zeros((2, 0)), np.zeros((2, 0), np.int32)
+        return _Samples(number, flat, none, number, none, flat)
     return _Samples(*(np.concatenate(one, axis=1) for one in zip(*parts, strict=True)))
 
 
@@ -407,7 +409,7 @@ def _adjust(samples: _Samples, photos: int, cameras: int) -> Unknowns:
         normal, right = held, held @ (unknowns - given)
         for where, part in samples.parts():
             # A large gain enlarges its own noise.
-            scaled = weights[where] / _noise_gains(part, unknowns) ** 2
+            scaled = weights[where] * part.worth[0] / _noise_gains(part, unknowns) ** 2
             design = _derivatives(part, unknowns, photos)
             normal = design.T @ sparse.diags_array(scaled) @ design + normal
             right = design.T @ (scaled * _differences(part, unknowns, photos)) + right

@@ -218,7 +218,7 @@ def check_corners(corners: Mapping[str, Corner], where: str | Path) -> None:
                 "Give multiples of 25 km and 20 km as EPSG:5514 counts them, both negative: "
                 "HUST = [-575000, -1180000].",
                 letters=letters,
-                corner=f"[{corner[0]:.0f}, {corner[1]:.0f}]",
+                corner=f"[{corner[0]:.12g}, {corner[1]:.12g}]",
             )
 
 

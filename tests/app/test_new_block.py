@@ -132,6 +132,7 @@ def test_what_is_missing_is_said_with_what_it_leaves_out__truth(tmp_path: Path) 
 def test_nothing_is_missed_that_is_there__truth(folder: Path) -> None:
     vector(folder / "budovy.gpkg", BOX, "Polygon", id="1")
     vector(folder / "lesni_puda.gpkg", BOX, "Polygon", id="1")
+    vector(folder / "woods.gpkg", LINE, "LineString", id="1")
     vector(folder / "vodni_plocha.gpkg", BOX, "Polygon", id="1")
     vector(folder / "bridges.gpkg", BOX, "Polygon", id="1")
     vector(folder / "sm5.gpkg", BOX, "Polygon", name="Praha 7-1")

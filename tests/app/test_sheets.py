@@ -18,6 +18,8 @@ from shapely.geometry import box
 from app.block_toml import FieldError
 from app.project import Project, read_project
 from app.sheets import Keeper, check_sheets, make_sheets, sheet_notes, sheets_line
+from app.sheets_section import SheetsSection
+from app.stage_lines import notes_ahead
 from core.errors import CrsError, ProjectError, ReferenceDataError
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.seams import Seam
@@ -232,6 +234,14 @@ def test_an_index_of_another_place_is_told_before_anything_is_computed__truth(fo
     moved = [replace(sheet, area=translate(sheet.area, 9e4)) for sheet in sheets]
     (told,) = sheet_notes(placed, moved)
     assert told.startswith("klad.gpkg: none of its 4 sheets lies where the reference ortho does")
+
+
+def test_settings_without_sheets_are_told__truth(folder: Path) -> None:
+    project = project_in(folder)
+    nothing = replace(project, sheets=SheetsSection())
+    assert notes_ahead(["mosaic"], nothing) == []
+    (told,) = notes_ahead(["mosaic"], replace(project, sheets=SheetsSection(product="ORTO")))
+    assert "[sheets] names no map sheets, so none are cut" in told
 
 
 def test_a_rule_is_judged_where_the_reference_lies_before_anything_is_computed__truth(
