@@ -262,7 +262,7 @@ def told_where_it_may_not_write(*arguments: object) -> Told:
         (90_000, "mosaic", "results/mosaic.tif"),
         (500_000, "mosaic", "results/mosaic.tif"),
         (2_000, "report", ".gruber/products/misfit/"),
-        (130_000, "report", "results/origin_sigma.tif"),
+        (200_000, "report", "results/origin_sigma.tif"),
         (500_000, "report", "results/report.html"),
     ],
 )
