@@ -22,7 +22,7 @@ from core.matching.reference import ReferenceFiles
 from core.mosaic.comparison import MosaicAccuracy, compare_orthos
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.fault_places import FaultPlace, worst_places
-from core.mosaic.misfit import BlockErrors, compare_as_control, measure_misfit
+from core.mosaic.misfit import BlockErrors, accuracy_as_control, measure_misfit
 from core.mosaic.misfit_places import Misfit, judge_misfit
 from core.mosaic.seam_fit import SeamFit
 from core.progress import Work
@@ -171,9 +171,10 @@ def _compared(
     if by_gray is not None and by_gray.n >= ALIKE * len(by_gray.places.verdicts):
         return by_gray
     try:
-        found = compare_as_control(
+        vectors = measure_misfit(
             mosaic.path, ortho, mosaic.seams, errors, orientation, work.part(0.5, 1.0)
         )
+        found = accuracy_as_control(vectors, mosaic.path, ortho)
     except ReferenceDataError:
         if by_gray is None:
             raise

@@ -100,7 +100,7 @@ def make_mosaic(
     edited = edited_seams(session)
     hand = ByHand(() if edited else standing_seam_edits(session.decisions()))
     wanted = (list(orthos), options, edited, *hand.if_any, *_looked_at(project))
-    inputs = products.digest_of("mosaic", 9, *wanted)
+    inputs = products.digest_of("mosaic", 10, *wanted)
     kept = None if anew else products.load_value("mosaic", products.digest_of(inputs, target))
     if kept is not None and seams.is_file():
         return kept
@@ -155,9 +155,7 @@ def _looked_at(project: Project) -> tuple[Any, ...]:
     files, tone = project.reference, project.ortho.tone
     taken = sorted(project.taken.items())
     ortho = files.ortho if tone == REFERENCE else ()
-    # Without either, digests stay those of a mosaic that knew neither.
-    kinds = ((files.woods, files.water),) if files.woods or files.water else ()
-    return files.buildings, files.roads, taken, tone, ortho, *kinds
+    return tuple(_avoided(project).values()), files.roads, taken, tone, ortho
 
 
 def _like(project: Project, shown: Collection[str]) -> Ortho | str:

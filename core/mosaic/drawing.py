@@ -11,15 +11,10 @@ from core.mosaic.overview import (
     read_overview,
     seam_view,
 )
-from core.mosaic.radiometry import (
-    Balance,
-    FilmPlane,
-    balance_bands,
-    toned_as_photo,
-    toned_as_reference,
-)
+from core.mosaic.radiometry import Balance, FilmPlane
 from core.mosaic.seam_cut import LabelledGround, SeamGuides, label_ground
 from core.mosaic.seams import Area, EditedSeams, Seam, fill_gaps, only_polygons, outline_seams
+from core.mosaic.tones import balance_bands, toned_as_photo, toned_as_reference
 from core.orthos.rectification import OrthoProduct
 from core.progress import Progress
 from core.raster.grid import Grid

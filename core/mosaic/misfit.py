@@ -200,23 +200,21 @@ def measure_misfit(
     return _vectors(view, centres, plan, rows, chances, (seams, errors))
 
 
-def compare_as_control(
-    mosaic: Path,
-    reference: Sequence[Path],
-    seams: Sequence[Seam],
-    errors: BlockErrors,
-    orientation: OrientationOptions | None = None,
-    work: Work | None = None,
+def accuracy_as_control(
+    vectors: MisfitVectors, mosaic: Path, reference: Sequence[Path]
 ) -> MosaicAccuracy:
     """Accuracy against an ortho that shows the ground, but not as the mosaic shows it.
 
-    What `compare_orthos` recognises by gray values has changed, or is seen in another light: it is
-    searched as control is. Arguments are those of `measure_misfit`.
+    What `compare_orthos` recognises by gray values has changed, or is seen in another light.
+
+    Args:
+        vectors: What `measure_misfit` finds in both.
+        mosaic: The mosaic, for what there is to tell.
+        reference: The ortho, likewise.
 
     Raises:
-        PhotogrammetryError: A file is damaged, or they have nothing in common that is recognised.
+        ReferenceDataError: Nothing of it was recognised.
     """
-    vectors = measure_misfit(mosaic, reference, seams, errors, orientation, work)
     if not vectors.found.any():
         values = {"file": reference[0], "metres": f"{vectors.patch_m:.0f}", "tried": vectors.tried}
         cause = (

@@ -23,11 +23,10 @@ from core.arrays import Scalars
 from core.block import Photo
 from core.frames import HALF_PIXEL
 from core.geometry.camera import Camera
-from core.geometry.robust import CAUCHY_LIMIT, cauchy_weights, nmad, solve_robustly
+from core.geometry.robust import CAUCHY_LIMIT, cauchy_weights, solve_robustly
 from core.mosaic.overview import Overview, common_cells
 from core.raster.files import LUMINANCE
 from core.raster.grid import Grid
-from core.raster.ortho import Ortho
 
 Unknowns = Float64[np.ndarray, "unknowns"]
 """Gain, offset, tilt to the east and to the north of each photo; then v1 and v2 of each camera."""
@@ -70,10 +69,6 @@ STEPS = (1 / 512, 0.25 / 255)
 # design: within so few pixels vignetting changes by less than a tenth of a gray value
 FALLOFF_CELL_PX = 4
 """Side of the cells over which vignetting is taken as constant, pixels."""
-
-WHITE = 255.0  # source: grays of the reference, as `Ortho.read` gives them
-MOST_GAIN = 4.0  # design: more shows nothing but grain
-"""A block is given the contrast of its reference up to this factor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,78 +241,6 @@ def balance_orthos(
             gain, offset * full_scale, (east, north), middle, falloff, plane
         )
     return found
-
-
-def balance_bands(
-    bands: Sequence[Sequence[Overview]],
-    full_scale: float = 255.0,
-    planes: Mapping[str, FilmPlane] | None = None,
-) -> Mapping[str, Balance]:
-    """The same of colours: each band of the orthos by itself.
-
-    Args:
-        bands: The orthos in small, all of the first band, all of the second, ...
-        full_scale: As for `balance_orthos`.
-        planes: As for `balance_orthos`.
-    """
-    first, *others = (balance_orthos(views, full_scale, planes) for views in bands)
-    return {
-        name: replace(one, others=tuple(other[name] for other in others))
-        for name, one in first.items()
-    }
-
-
-def toned_as_photo(balances: Mapping[str, Balance], photo_id: str) -> Mapping[str, Balance]:
-    """The same tones to each other, with the gain and offset of one photo left as they are."""
-    own = balances[photo_id]
-    by_band = [(1 / one.gain, -one.offset / one.gain) for one in (own, *own.others)]
-    return {name: _toned(one, by_band) for name, one in balances.items()}
-
-
-def toned_as_reference(
-    balances: Mapping[str, Balance],
-    bands: Sequence[Sequence[Overview]],
-    reference: Ortho,
-    full_scale: float,
-) -> Mapping[str, Balance]:
-    """The same tones to each other, with median and contrast of the reference where it shows.
-
-    Args:
-        balances: Of every photo.
-        bands: The orthos in small, as for `balance_bands`; colours keep how they differ.
-        reference: Grays of 0 to 255; what has changed since weighs little in the medians.
-        full_scale: Largest gray value of the orthos.
-    """
-    own, there = list[np.ndarray](), list[np.ndarray]()
-    for band, views in enumerate(bands):
-        for view in views:
-            patch = reference.read(view.grid)
-            both = view.full & patch.mask
-            balance = balances[view.photo_id].of_band(band)
-            own.append(balance.corrected(view.values.copy(), view.grid)[both])
-            there.append(patch.values[both] * (full_scale / WHITE))
-    ours, theirs = np.concatenate(own).astype(np.float64), np.concatenate(there)
-    spread = nmad(ours) if len(ours) else 0.0
-    if spread <= 0:
-        return balances
-    gain = float(np.clip(nmad(theirs.astype(np.float64)) / spread, 1 / MOST_GAIN, MOST_GAIN))
-    offset = float(np.median(theirs) - gain * np.median(ours))
-    # In whole steps: one photo that moves a little does not change the tone of all.
-    gain_step, offset_step = STEPS[0], STEPS[1] * full_scale
-    whole = round(gain / gain_step) * gain_step, round(offset / offset_step) * offset_step
-    return {name: _toned(one, [whole] * len(bands)) for name, one in balances.items()}
-
-
-def _toned(balance: Balance, by_band: Sequence[tuple[float, float]]) -> Balance:
-    """Every corrected gray times a gain, and an offset more, both by band."""
-    (gain, offset), *others = by_band
-    return replace(
-        balance,
-        gain=gain * balance.gain,
-        offset=gain * balance.offset + offset,
-        tilt=(gain * balance.tilt[0], gain * balance.tilt[1]),
-        others=tuple(_toned(one, [own]) for one, own in zip(balance.others, others, strict=True)),
-    )
 
 
 def _rounded(unknowns: Unknowns, photos: int) -> Unknowns:

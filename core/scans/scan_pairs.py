@@ -37,7 +37,7 @@ SHIFT_CELLS = 4  # design: 7 mm, for a frame whose border was not seen
 """How far the frames of two scans of one photo may have been found apart, cells."""
 GLANCE_CELLS = 4  # design: a shift within reach is one of them at most
 """Cells that make one for a first glance at all pairs."""
-# design: half of what one photo scanned twice reaches; photos of other ground reach 0.3 by chance
+# design: half of what one photo scanned twice reaches; hardly any two others do
 GLANCE = 0.4
 """Correlation at a glance from which two scans are compared."""
 MATCH_PX = 640  # design: details of 0.4 mm on the film, which neighbours show alike
@@ -59,7 +59,7 @@ AHEAD = 3.0  # design: of the wrong side only matches of chance agree
 """How many times more must agree mirrored than direct, or the other way round."""
 NEIGHBOURS = 12  # design: three photos along the film, and what a strip of ten has beside it
 """Photos that follow in the order of names and are matched in any case."""
-MOST_PAIRS = 24  # design: strips of forty photos beside each other are joined
+MOST_PAIRS = 24  # design: joins strips of up to 28 photos that follow the same direction
 """Pairs matched per photo at most, however many photos there are."""
 Descriptors = Float32[np.ndarray, "_ _"]
 Points = Float32[np.ndarray, "_ 2"]

@@ -95,7 +95,8 @@ def test_the_mosaic_is_compared_with_further_references__truth(tiny_run: Tiny, t
         archival = tiny_run.truth.archival_ortho.relative_to(tiny_run.folder).as_posix()
         text.write(f'[[reference.other]]\northo = "{archival}"\nyear = 1938\northo_sigma_m = 0.1\n')
         text.write('[[reference.other]]\northo = "away.tif"\n')
-        text.write('[[reference.other]]\northo = "ortho/*.tif"\nyear = 2022\n')
+        text.write('[[reference.other]]\northo = "ortho/*.tif"\n')
+        text.write("year = 2022\northo_sigma_m = 0.25\n")
     assert main(["report", str(folder)]) == DONE
     figures = json.loads((folder / "results/report.json").read_text(encoding="utf-8"))
     compared, today = figures["comparisons"]
@@ -105,10 +106,7 @@ def test_the_mosaic_is_compared_with_further_references__truth(tiny_run: Tiny, t
     # Decades later little looks alike by gray values: as control is searched, the ground is found.
     assert today["rule"] == CONTROL_RULE
     own = figures["misfit"]
-    found = today["count"] + today["refused"].get("mismatch", 0)
-    # Each search is judged by its own chances: a few places in a hundred fall on either side.
-    assert found == pytest.approx(own["count"], rel=0.03)
-    assert own["count"] > 20
+    assert today["count"] + today["refused"].get("mismatch", 0) == own["count"] > 20
     assert today["median_shift"] == pytest.approx(own["median_m"], abs=0.3)
     told = [one["message"] for one in figures["doubts"] if one["subject"] == "away.tif"]
     assert len(told) == 1

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import rasterio
 
-from core.mosaic.overview import read_overview
+import core.mosaic.radiometry as radiometry
+from core.mosaic.overview import Overview, read_overview
 from core.mosaic.radiometry import (
     Balance,
     FilmPlane,
     balance_orthos,
     film_plane,
-    toned_as_photo,
-    toned_as_reference,
 )
+from core.mosaic.tones import toned_as_photo, toned_as_reference
 from core.raster.files import gray_from_colour
 from core.raster.grid import Grid
 from core.raster.ortho import open_ortho
@@ -122,6 +122,49 @@ def test_vignetting_gain_and_tilt_are_found_again__truth(tmp_path):
     assert misfit(found) < 2
     # Without the camera the corners stay dark.
     assert misfit(balance_orthos(views)) > 2 * misfit(found)
+
+
+@pytest.fixture(scope="module")
+def strips():
+    """Six strips of twenty photos, brighter by 5 % towards one side of the film, and the truth."""
+    rng, side, cell = np.random.default_rng(4), 24, 8.0
+    fields = np.kron(rng.uniform(60, 170, (60, 112)), np.ones((2, 2)))
+    across, views, planes, truths = np.linspace(-1, 1, side), [], {}, []
+    for number in range(120):
+        strip, along = divmod(number, 20)
+        top, left = 16 * strip, 10 * along
+        truth = fields[top : top + side, left : left + side]
+        # Strips are flown there and back.
+        gray = truth * (1 + 0.05 * (-1) ** strip * across) + rng.normal(0, 3, truth.shape)
+        grid = Grid(left * cell, -top * cell, cell, side, side)
+        nadir = (grid.west + side * cell / 2, grid.north - side * cell / 2)
+        name, scale = f"p{number:03}", np.sqrt(2) / (side * cell)
+        views.append(Overview(name, nadir, grid, gray, np.ones_like(gray)))
+        rows = ((scale, 0.0, 0.0), (0.0, scale, 0.0), (0.0, 0.0, 1.0))
+        planes[name] = FilmPlane("wide", nadir, rows, (0.5**0.5, 0.5**0.5))
+        truths.append(truth)
+    return views, planes, truths
+
+
+def test_what_photos_differ_by_does_not_add_up_over_a_block__truth(strips):
+    """It was taken for certain: of 406 photos tones were useless."""
+    views, planes, truths = strips
+    found = balance_orthos(views, planes=planes)
+    off = [
+        float(np.mean(found[view.photo_id].corrected(view.values.copy(), view.grid) - truth))
+        for view, truth in zip(views, truths, strict=True)
+    ]
+    assert np.std(off) < 2
+    assert np.ptp(off) < 10
+    assert np.std([balance.gain for balance in found.values()]) < 0.05
+
+
+def test_equations_are_the_same_in_parts__law(strips, monkeypatch):
+    views, planes, _ = strips
+    few = {view.photo_id: planes[view.photo_id] for view in views[:10]}
+    whole = balance_orthos(views[:10], planes=few)
+    monkeypatch.setattr(radiometry, "SAMPLES_AT_ONCE", 500)
+    assert balance_orthos(views[:10], planes=few) == whole
 
 
 def test_ground_meets_the_film_where_rays_do__truth(scene):

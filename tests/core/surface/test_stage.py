@@ -22,15 +22,15 @@ def everything(name):
     return None
 
 
-def made_of(scene, folder, block=None):
+def made_of(scene, folder, block=None, usable=everything, **more):
     return make_surface(
         block or scene.block,
         scene,
         SurfaceFiles.within(folder),
-        everything,
+        usable,
         ties=np.zeros((0, 3)),
         options=SurfaceOptions(CELL_M),
-        work=Work(),
+        **({"work": Work()} | more),
     )
 
 
@@ -102,15 +102,7 @@ def test_threads_make_the_same_surface__law(scene, surface, tmp_path):
     def backwards(function, items):
         return list(reversed([function(item) for item in reversed(list(items))]))
 
-    again = make_surface(
-        scene.block,
-        scene,
-        SurfaceFiles.within(tmp_path),
-        everything,
-        ties=np.zeros((0, 3)),
-        options=SurfaceOptions(CELL_M),
-        work=Work(mapper=backwards),
-    )
+    again = made_of(scene, tmp_path, work=Work(mapper=backwards))
     for one, other in zip(surface.files.paths, again.files.paths, strict=True):
         np.testing.assert_array_equal(band_of(one), band_of(other))
 
@@ -119,15 +111,7 @@ def test_what_is_masked_is_a_hole__truth(scene, surface, tmp_path):
     """The middle photo takes part in both pairs, so half of it masked is half of the surface."""
     half = np.ones((44, 44), dtype=bool)
     half[:22] = False
-    masked = make_surface(
-        scene.block,
-        scene,
-        SurfaceFiles.within(tmp_path),
-        lambda name: half if name == "0_1" else None,
-        ties=np.zeros((0, 3)),
-        options=SurfaceOptions(CELL_M),
-        work=Work(),
-    )
+    masked = made_of(scene, tmp_path, usable=lambda name: half if name == "0_1" else None)
     known = (~band_of(surface.files.count).mask).sum()
     assert 0.4 * known < (~band_of(masked.files.count).mask).sum() < 0.75 * known
 
@@ -135,16 +119,7 @@ def test_what_is_masked_is_a_hole__truth(scene, surface, tmp_path):
 def test_water_is_a_hole_and_does_not_count_as_incomplete__law(scene, surface, tmp_path):
     west, south, east, north = surface.grid.bounds
     lake = shapely.box((west + east) / 2, south, east, north)
-    made = make_surface(
-        scene.block,
-        scene,
-        SurfaceFiles.within(tmp_path),
-        everything,
-        ties=np.zeros((0, 3)),
-        options=SurfaceOptions(CELL_M),
-        work=Work(),
-        water=lake,
-    )
+    made = made_of(scene, tmp_path, water=lake)
     dry, count = surface.grid.columns // 2, band_of(made.files.count)
     assert count[:, dry + 1 :].mask.all()
     np.testing.assert_array_equal(
