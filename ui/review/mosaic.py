@@ -200,7 +200,7 @@ def mosaic_part(desk: DeskSnapshot) -> Part:
     borders = footprint_polygons(desk.state, desk.outlines)
     return {
         "version": shown.version,
-        "written": written.isoformat(timespec="minutes")[:16],
+        "written": written.isoformat(" ", "minutes")[:16],
         "pixel": gsd,
         "bounds": [round(value, 2) for value in product.grid.bounds],
         "area": round(product.covered_share * product.asked_m2),
