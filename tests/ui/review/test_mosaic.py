@@ -76,7 +76,7 @@ def middle_of(desk: DeskSnapshot) -> tuple[float, float]:
 def test_the_sheet_tells_seams_borders_holes_and_what_is_stale__truth(desk: DeskSnapshot) -> None:
     part = mosaic_part(replace(desk, stale=(EAST,)))
     assert part["version"] == 1_700_000_000_000
-    assert part["written"] == "2023-11-14T22:13"
+    assert part["written"] == "2023-11-14 22:13"
     assert part["stale"] == [EAST]
     assert [seam["photo"] for seam in part["seams"]] == [WEST, EAST]
     assert part["seams"][0]["label"] == pytest.approx(middle_of(desk), abs=0.1)
