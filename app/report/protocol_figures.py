@@ -286,13 +286,14 @@ def _checked(number: float) -> str:
 
 
 def _checks(report: AdjustmentReport) -> dict[str, Any]:
+    independent = report.block.independent_checks
     points = [
         {
             "point_id": check.point_id,
             "difference_m": check.difference_m.tolist(),
             "predicted_sigma_m": None if check.sigma_m is None else check.sigma_m.tolist(),
             "used_scans": check.used_scans,
-            "independent": check.point_id in report.block.independent_checks,
+            "independent": check.point_id in independent,
         }
         for check in report.checks
     ]

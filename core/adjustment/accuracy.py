@@ -273,7 +273,8 @@ def check_freedom(
     than that of as many errors of their own: tr(C)^2 / tr(C^2), C their covariance with the error
     of the survey (Satterthwaite 1946). Nought without any.
     """
-    names = [name for name in predictions if name in block.independent_checks]
+    independent = block.independent_checks
+    names = [name for name in predictions if name in independent]
     if not names:
         return 0.0
     rows = np.concatenate([predictions[name].by_unknowns[:2] for name in names])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from core.adjustment.network import CONSTANTS, Network, State, constants_of_atmospheres
+from core.adjustment.network import CONSTANTS, Network, State
 from core.arrays import Indices
 from core.geometry.camera import by_parameters
 from core.geometry.collinearity import (
@@ -127,9 +127,7 @@ def _angles(
 
 def ray_models(network: Network, state: State, photo: Indices) -> RayModel:
     """The model constants of rays in some photos."""
-    model = ray_model(
-        state.rotations, state.constants[network.camera], constants_of_atmospheres(network)
-    )
+    model = ray_model(state.rotations, state.constants[network.camera], network.air)
     return RayModel(
         np.take(model.rotation, photo, axis=2),
         np.take(model.constants, photo, axis=1),

@@ -119,6 +119,8 @@ class Network:
     """What the block calls them."""
     camera: Indices
     """Camera of each photo."""
+    air: Float64[np.ndarray, "photos 2"]
+    """Refraction and curvature of each photo."""
     measurements: tuple[Measurement, ...]
     """Used measurements of control points in these photos."""
     rays: Rays
@@ -240,6 +242,7 @@ def network_of(block: Block, options: AdjustmentOptions) -> Network:
         cameras=cameras,
         camera_names=tuple(names),
         camera=camera,
+        air=np.concatenate([constants_of_air(photo.atmosphere) for photo in photos]),
         measurements=measurements,
         rays=_rays(block, place, kept, tie_point, measurements, control),
         points=_points(block, tie_point, control),
@@ -404,8 +407,3 @@ def _sigma_centre(photo: Photo, camera: Camera, photos: int) -> Position:
 def _weights(sigmas: Sequence[Position], smallest: float) -> Float64[np.ndarray, "photos 3"]:
     """Roots of weights of three values a photo."""
     return 1 / np.maximum(np.array(sigmas).reshape(-1, 3), smallest)
-
-
-def constants_of_atmospheres(network: Network) -> Float64[np.ndarray, "photos 2"]:
-    """Refraction and curvature of each photo."""
-    return np.concatenate([constants_of_air(photo.atmosphere) for photo in network.photos])

@@ -1,10 +1,10 @@
 """Tone of every photo, so that neighbours agree where they overlap.
 
 One least-squares problem for the block (METHODS 8) over cells that two photos share. A corrected
-gray value is gain * V * gray + offset + tilt * place, with V = 1 + v1 (r^2 - m1) + v2 (r^4 - m2)
-for all photos of a camera, r the distance to the principal point in half diagonals of the frame
-and m the means over a square frame. Priors hold gain 1 and all else 0, which are also the means
-over the block.
+gray value is gain * V * gray + offset + tilt * place, with
+V = 1 + v1 (r^2 - m1) + v2 (r^4 - m2) + sx x + sy y for all photos of a camera: (x, y) from the
+principal point and r their length in half diagonals of the frame, m the means over a square frame.
+Priors hold gain 1 and all else 0, which are also the means over the block.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,10 +29,10 @@ from core.raster.files import LUMINANCE
 from core.raster.grid import Grid
 
 Unknowns = Float64[np.ndarray, "unknowns"]
-"""Gain, offset, tilt to the east and to the north of each photo; then v1 and v2 of each camera."""
+"""Gain, offset, tilt to east and north of each photo; then v1, v2, sx and sy of each camera."""
 Gray = Float32[np.ndarray, "rows columns"]
 # design: so many unknowns
-OF_PHOTO, OF_CAMERA = 4, 2
+OF_PHOTO, OF_CAMERA = 4, 4
 # design: a quarter of a gray value of 8 bits, which are rounded to one
 SMALLEST_SCALE = 1e-3
 # design: loose: nearly half a stop of exposure; overlaps decide
@@ -48,6 +48,8 @@ HELD = 1e-6  # design: far below a step
 """Prior standard deviation of what is not estimated."""
 SIGMA_FALLOFF = 0.3  # design: loose: corners a third darker than the middle
 """Prior standard deviation of a coefficient of vignetting about 0."""
+SIGMA_SLOPE = 0.1  # design: loose: one edge of the film a seventh brighter than the other
+"""Prior standard deviation of a slope of V over half a diagonal about 0."""
 # source: means of r^2 and r^4 over a square whose half diagonal is 1
 MEANS = (1 / 3, 7 / 45)
 # design: the mean of so many is known to a fortieth of the noise of one
@@ -84,13 +86,13 @@ class FilmPlane:
     frame: tuple[float, float]
     """Half the width and the height of the picture area, half diagonals."""
 
-    def radii(
+    def film(
         self, eastings: Float64[np.ndarray, "..."], northings: Float64[np.ndarray, "..."]
-    ) -> Float64[np.ndarray, "..."]:
-        """Squared distance of places on the ground to the principal point, half diagonals."""
+    ) -> Float64[np.ndarray, "... 2"]:
+        """Where places on the ground lie from the principal point, x and y in half diagonals."""
         east, north = eastings - self.nadir[0], northings - self.nadir[1]
         x, y, depth = (a * east + b * north + c for a, b, c in self.film_from_ground)
-        return (x**2 + y**2) / depth**2
+        return np.stack([x, y], axis=-1) / depth[..., None]
 
     def reaches(self, easting: float, northing: float) -> bool:
         """Whether a place on the ground lies in the picture area."""
@@ -115,12 +117,19 @@ class Balance:
     """v1 and v2 of the camera."""
     plane: FilmPlane | None = None
     """Where the ground lies on the film; None where the camera's vignetting is unknown."""
+    slope: tuple[float, float] = (0.0, 0.0)
+    """sx and sy of the camera."""
     others: tuple["Balance", ...] = ()
     """Of the second band and those after it; empty where all bands have the same."""
 
     def of_band(self, band: int) -> "Balance":
         """The balance of a band, counted from 0."""
         return self.others[band - 1] if band and self.others else self
+
+    @property
+    def shading(self) -> tuple[float, ...]:
+        """The coefficients of V, in the order of `_shapes`."""
+        return (*self.falloff, *self.slope)
 
     @property
     def luminance(self) -> "Balance":
@@ -130,7 +139,7 @@ class Balance:
         bands = (self, *self.others[: len(LUMINANCE) - 1])
         shares = np.array(LUMINANCE, dtype=np.float64)
         gains = shares * np.array([one.gain for one in bands])
-        falloff = gains / gains.sum() @ np.array([one.falloff for one in bands])
+        shading = gains / gains.sum() @ np.array([one.shading for one in bands])
         tilt = shares @ np.array([one.tilt for one in bands])
         offset = float(shares @ np.array([one.offset for one in bands]))
         return replace(
@@ -138,14 +147,15 @@ class Balance:
             gain=float(gains.sum()),
             offset=offset,
             tilt=(float(tilt[0]), float(tilt[1])),
-            falloff=(float(falloff[0]), float(falloff[1])),
+            falloff=(float(shading[0]), float(shading[1])),
+            slope=(float(shading[2]), float(shading[3])),
             others=(),
         )
 
     def corrected(self, gray: Gray, part: Grid) -> Gray:
         """Gray values of a part of an ortho after the correction."""
         factor = np.float32(self.gain)
-        values = gray * (self._falloff(part) * factor if any(self.falloff) else factor)
+        values = gray * (self._shaded(part) * factor if any(self.shading) else factor)
         # Counted from (0, 0), a pixel's place is the same to the last digit in whatever part.
         gsd = part.ground_sample_distance_m
         columns = round(part.west / gsd) + np.arange(part.columns)
@@ -155,7 +165,7 @@ class Balance:
         values += east.astype(np.float32)[None, :] + north.astype(np.float32)[:, None]
         return values
 
-    def _falloff(self, part: Grid) -> Gray:
+    def _shaded(self, part: Grid) -> Gray:
         """V of each pixel, constant over small cells that lie alike whatever part is asked for."""
         assert self.plane is not None
         gsd, side = part.ground_sample_distance_m, FALLOFF_CELL_PX
@@ -163,8 +173,8 @@ class Balance:
         rows = (round(-part.north / gsd) + np.arange(part.rows)) // side
         east = (np.arange(columns[0], columns[-1] + 1) + HALF_PIXEL) * (gsd * side)
         north = -(np.arange(rows[0], rows[-1] + 1) + HALF_PIXEL) * (gsd * side)
-        squared = self.plane.radii(east[None, :], north[:, None])
-        cells = 1 + (_powers(squared) * np.array(self.falloff)).sum(axis=-1)
+        film = self.plane.film(east[None, :], north[:, None])
+        cells = 1 + (_shapes(film) * np.array(self.shading)).sum(axis=-1)
         size = (len(cells[0]) * side, len(cells) * side)
         wide = cv2.resize(cells.astype(np.float32), size, interpolation=cv2.INTER_NEAREST)
         top, left = round(-part.north / gsd) % side, round(part.west / gsd) % side
@@ -196,14 +206,14 @@ class _Samples:
     """Easting and northing from the middle of the photo, in half its width (two, samples, 2)."""
     camera: np.ndarray
     """Number of the camera, -1 where it is unknown."""
-    powers: np.ndarray
-    """r^2 and r^4 less their means (two, samples, 2)."""
+    shapes: np.ndarray
+    """What the camera's coefficients are multiplied by (two, samples, 4)."""
     worth: np.ndarray
     """How many independent samples each stands for (one, samples)."""
 
     def parts(self) -> "Iterator[tuple[slice, _Samples]]":
         """Some at a time, and which they are."""
-        every = (self.photo, self.gray, self.place, self.camera, self.powers, self.worth)
+        every = (self.photo, self.gray, self.place, self.camera, self.shapes, self.worth)
         for first in range(0, self.gray.shape[1], SAMPLES_AT_ONCE):
             part = slice(first, first + SAMPLES_AT_ONCE)
             yield part, _Samples(*(one[:, part] for one in every))
@@ -229,16 +239,22 @@ def balance_orthos(
     samples = _collect(overviews, full_scale, planes, cameras)
     photos = len(overviews)
     unknowns = _rounded(_adjust(samples, photos, len(cameras)), photos)
-    falloffs = unknowns[OF_PHOTO * photos :].reshape(-1, OF_CAMERA).tolist()
+    shadings = unknowns[OF_PHOTO * photos :].reshape(-1, OF_CAMERA).tolist()
     found: dict[str, Balance] = {}
     for view, (gain, offset, *tilt) in zip(
         overviews, unknowns[: OF_PHOTO * photos].reshape(-1, OF_PHOTO).tolist(), strict=True
     ):
         plane, middle = planes.get(view.photo_id), _middle(view)
-        falloff = (0.0, 0.0) if plane is None else tuple(falloffs[cameras.index(plane.camera)])
+        shading = [0.0] * OF_CAMERA if plane is None else shadings[cameras.index(plane.camera)]
         east, north = (full_scale * one / _half_m(view) for one in tilt)
         found[view.photo_id] = Balance(
-            gain, offset * full_scale, (east, north), middle, falloff, plane
+            gain,
+            offset * full_scale,
+            (east, north),
+            middle,
+            falloff=(shading[0], shading[1]),
+            plane=plane,
+            slope=(shading[2], shading[3]),
         )
     return found
 
@@ -261,8 +277,11 @@ def _half_m(view: Overview) -> float:
     return max(view.grid.columns, view.grid.rows) * view.grid.ground_sample_distance_m / 2
 
 
-def _powers(squared: Float64[np.ndarray, "..."]) -> Float64[np.ndarray, "... 2"]:
-    return np.stack([squared - MEANS[0], squared**2 - MEANS[1]], axis=-1)
+def _shapes(film: Float64[np.ndarray, "... 2"]) -> Float64[np.ndarray, "... 4"]:
+    """r^2 and r^4 less their means, x and y."""
+    squared = (film**2).sum(axis=-1)
+    powers = np.stack([squared - MEANS[0], squared**2 - MEANS[1]], axis=-1)
+    return np.concatenate([powers, film], axis=-1)
 
 
 def _collect(
@@ -296,7 +315,7 @@ def _collect(
         )
     if not parts:
         none, flat, number = np.zeros((2, 0, 2)), np.zeros((2, 0)), np.zeros((2, 0), np.int32)
-        return _Samples(number, flat, none, number, none, flat)
+        return _Samples(number, flat, none, number, np.zeros((2, 0, OF_CAMERA)), flat)
     return _Samples(*(np.concatenate(one, axis=1) for one in zip(*parts, strict=True)))
 
 
@@ -310,11 +329,11 @@ def _meeting(overviews: Sequence[Overview]) -> list[tuple[int, int]]:
 def _seen(
     view: Overview, places: np.ndarray, plane: FilmPlane | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places in a photo from its middle, in half its width, and powers of their radius."""
+    """Places in a photo from its middle, in half its width, and the shapes of V there."""
     about = (places - np.array(_middle(view))) / _half_m(view)
     if plane is None:
-        return about, np.zeros_like(about)
-    return about, _powers(plane.radii(places[:, 0], places[:, 1]))
+        return about, np.zeros((len(places), OF_CAMERA))
+    return about, _shapes(plane.film(places[:, 0], places[:, 1]))
 
 
 def _adjust(samples: _Samples, photos: int, cameras: int) -> Unknowns:
@@ -323,7 +342,8 @@ def _adjust(samples: _Samples, photos: int, cameras: int) -> Unknowns:
     # Where no vignetting is estimated, tilts growing along the block would stand in for it.
     tilt = SIGMA_TILT_SHARE if cameras else HELD
     sigmas = [SIGMA_GAIN, SIGMA_OFFSET_SHARE, tilt, tilt]
-    every = np.concatenate([np.tile(sigmas, photos), np.full(OF_CAMERA * cameras, SIGMA_FALLOFF)])
+    of_camera = [SIGMA_FALLOFF, SIGMA_FALLOFF, SIGMA_SLOPE, SIGMA_SLOPE]
+    every = np.concatenate([np.tile(sigmas, photos), np.tile(of_camera, cameras)])
     held = sparse.diags_array(every**-2.0) + _hold_means(samples, photos, len(given))
     unknowns = given.copy()
 
@@ -331,11 +351,10 @@ def _adjust(samples: _Samples, photos: int, cameras: int) -> Unknowns:
         nonlocal unknowns
         normal, right = held, held @ (unknowns - given)
         for where, part in samples.parts():
-            # A large gain enlarges its own noise.
-            scaled = weights[where] * part.worth[0] / _noise_gains(part, unknowns) ** 2
+            scaled = weights[where] * part.worth[0]
             design = _derivatives(part, unknowns, photos)
             normal = design.T @ sparse.diags_array(scaled) @ design + normal
-            right = design.T @ (scaled * _differences(part, unknowns, photos)) + right
+            right = design.T @ (scaled * _misfits(part, unknowns, photos)) + right
         step = np.array(spsolve(sparse.csc_array(normal), right), dtype=np.float64).ravel()
         unknowns = unknowns - step
         return unknowns, lengths()
@@ -343,8 +362,7 @@ def _adjust(samples: _Samples, photos: int, cameras: int) -> Unknowns:
     def lengths() -> Scalars:
         found = np.zeros(samples.gray.shape[1])
         for where, part in samples.parts():
-            apart = np.abs(_differences(part, unknowns, photos))
-            found[where] = apart / _noise_gains(part, unknowns)
+            found[where] = np.abs(_misfits(part, unknowns, photos))
         return found
 
     # Ground that changed between two photos is no noise: it loses all its weight.
@@ -377,42 +395,49 @@ def _hold_means(samples: _Samples, photos: int, unknowns: int) -> sparse.csc_arr
 
 def _shading(samples: _Samples, side: int, unknowns: Unknowns, photos: int) -> Scalars:
     """V of each sample in its first or second photo."""
-    falloff = np.vstack([unknowns[OF_PHOTO * photos :].reshape(-1, OF_CAMERA), np.zeros((1, 2))])
-    return 1 + (falloff[samples.camera[side]] * samples.powers[side]).sum(axis=1)
+    own = unknowns[OF_PHOTO * photos :].reshape(-1, OF_CAMERA)
+    # The last row is that of the number -1.
+    by_camera = np.vstack([own, np.zeros((1, OF_CAMERA))])
+    return 1 + (by_camera[samples.camera[side]] * samples.shapes[side]).sum(axis=1)
 
 
-def _differences(samples: _Samples, unknowns: Unknowns, photos: int) -> Scalars:
-    """Corrected gray of the first photo less that of the second."""
+def _misfits(samples: _Samples, unknowns: Unknowns, photos: int) -> Scalars:
+    """Corrected gray of the first photo less that of the second, by what gains make of noise."""
     own = unknowns[: OF_PHOTO * photos].reshape(-1, OF_PHOTO)
     apart = np.zeros(samples.gray.shape[1])
     for side, sign in enumerate((1.0, -1.0)):
         photo, gray, place = samples.photo[side], samples.gray[side], samples.place[side]
         toned = own[photo, 0] * _shading(samples, side, unknowns, photos) * gray
         apart += sign * (toned + own[photo, 1] + (own[photo, 2:] * place).sum(1))
-    return apart
+    return apart / _noise_gains(samples, unknowns)
 
 
 def _derivatives(samples: _Samples, unknowns: Unknowns, photos: int) -> sparse.csr_array:
-    """Of the differences, by all unknowns."""
+    """Of the misfits, by all unknowns.
+
+    That gains enlarge noise is derived too: both photos have it, and gains would else shrink.
+    """
     count = samples.gray.shape[1]
     rows, columns, values = [], [], []
+    noise, misfits = _noise_gains(samples, unknowns), _misfits(samples, unknowns, photos)
     for side, sign in enumerate((1.0, -1.0)):
         photo, camera = samples.photo[side], samples.camera[side]
         gray, place = samples.gray[side], samples.place[side]
         gain = unknowns[OF_PHOTO * photo]
         shading = _shading(samples, side, unknowns, photos)
-        by_falloff = (gain * gray)[:, None] * samples.powers[side]
-        by_falloff = np.where(camera[:, None] < 0, 0.0, by_falloff)
+        by_shape = (gain * gray)[:, None] * samples.shapes[side]
+        by_shape = np.where(camera[:, None] < 0, 0.0, by_shape)
         first = OF_PHOTO * photos + OF_CAMERA * np.maximum(camera, 0)
         terms = [shading * gray, np.ones(count), place[:, 0], place[:, 1]]
         for kind, term in enumerate(terms):
             rows.append(np.arange(count))
             columns.append(OF_PHOTO * photo + kind)
-            values.append(sign * term)
+            enlarged = misfits * gain / (2 * noise) if kind == 0 else 0.0
+            values.append((sign * term - enlarged) / noise)
         for kind in range(OF_CAMERA if len(unknowns) > OF_PHOTO * photos else 0):
             rows.append(np.arange(count))
             columns.append(first + kind)
-            values.append(sign * by_falloff[:, kind])
+            values.append(sign * by_shape[:, kind] / noise)
     placed = (np.concatenate(rows), np.concatenate(columns))
     return sparse.csr_array((np.concatenate(values), placed), shape=(count, len(unknowns)))
 

@@ -1,7 +1,9 @@
 """How fast the desk answers: 24 scans, 1,500 proposals, a real Chromium, adjustment beside.
 
 Run: python -m tests.benchmarks.bench_desk [keys] [click] [filter] [large] [coarse] [ties] [sigma]
-     [--narrow]
+     [roll] [--narrow]
+
+`roll` is a desk of 406 photos and 60,000 proposals beside that of 24 and 1,500.
 """
 
 import os
@@ -13,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import psutil
 import rasterio
 from playwright.sync_api import Page
 from rasterio.transform import from_origin
@@ -41,7 +44,9 @@ PROMISES_MS = {
     "large": 1000,
     "ties": 5000,
     "sigma": 1000,
+    "roll": 1.5,
 }
+ROLL = ("--photos", "14", "29", "--proposals", "60000", "--ties", "50000")
 
 
 NARROW = {"width": 1060, "height": 1000}
@@ -54,18 +59,10 @@ PAUSES_S = (0.2, 1.6)
 
 def keys(folder: Path) -> bool:
     """A hundred decisions in a row, with adjustments running and coming in between."""
-    rng = random.Random(6)
     with served(folder) as (url, _), browser() as chromium:
         page = sit_down(chromium, url, size())
         page.wait_for_timeout(5000)
-        first, whole = [], []
-        for number in range(100):
-            # What lies far off is asked about before it is accepted.
-            far = page.evaluate("gruber.parts.point.figures.ratio > 3")
-            times = press_for_point(page, ("nnnm" if far else "ynym")[number % 4])
-            first.append(times[0])
-            whole.append(times[1])
-            page.wait_for_timeout(1000 * rng.uniform(*PAUSES_S))
+        first, whole = decide(page, 100)
         decided = page.evaluate("gruber.parts.status.decided")
         came = page.evaluate("watched.adjusted")
     say_row("key to the new point drawn", told(first))
@@ -75,15 +72,32 @@ def keys(folder: Path) -> bool:
     return bool(np.median(first) <= middle and np.percentile(first, 95) <= most)
 
 
+def decide(page: Page, count: int) -> tuple[list[float], list[float]]:
+    """So many decisions: milliseconds to the new point drawn, and to all its tiles."""
+    rng, times = random.Random(6), list[tuple[float, float]]()
+    for number in range(count):
+        # What lies far off is asked about before it is accepted.
+        far = page.evaluate("gruber.parts.point.figures.ratio > 3")
+        times.append(press_for_point(page, ("nnnm" if far else "ynym")[number % 4]))
+        page.wait_for_timeout(1000 * rng.uniform(*PAUSES_S))
+    return [one for one, _ in times], [one for _, one in times]
+
+
+def place(page: Page, count: int) -> list[float]:
+    """So many clicks: milliseconds to the mark."""
+    times = list[float]()
+    for number in range(count):
+        times.append(click_for_mark(page, (-60, 60, 0)[number % 3], (40, -40)[number % 2]))
+        page.wait_for_timeout(400)
+    return times
+
+
 def click(folder: Path) -> bool:
     """Placing by a click."""
     with served(folder) as (url, _), browser() as chromium:
         page = sit_down(chromium, url, size())
         page.wait_for_timeout(5000)
-        times = []
-        for number in range(30):
-            times.append(click_for_mark(page, (-60, 60, 0)[number % 3], (40, -40)[number % 2]))
-            page.wait_for_timeout(400)
+        times = place(page, 30)
     say_row("click to the placed mark", told(times))
     return bool(np.median(times) <= PROMISES_MS["click"])
 
@@ -226,6 +240,38 @@ def sigma(folder: Path) -> bool:
     return bool(np.median(times) <= PROMISES_MS["sigma"])
 
 
+def roll(folder: Path) -> bool:
+    """Decisions, clicks and filters over hundreds of photos, beside the small block's."""
+    medians: list[list[float]] = []
+    for name, arguments in (("small", ()), ("roll", ROLL)):
+        begun = time.perf_counter()
+        with served(folder / name, *arguments) as (url, process), browser() as chromium:
+            page = sit_down(chromium, url, size())
+            opened = time.perf_counter() - begun
+            page.wait_for_timeout(5000)
+            sets = [*decide(page, 40), place(page, 20)]
+            states = ("unused", "dubious", "all", "open") * 3
+            sets += zip(*(click_filter(page, state) for state in states), strict=True)
+            rows = page.evaluate("gruber.parts.rows.length")
+            peak = psutil.Process(process.pid).memory_info().rss / 2**30
+        say(f"{name}: {rows} rows, opened after {opened:.0f} s, {peak:.2f} GiB")
+        medians.append([float(np.median(times)) for times in sets])
+        for what, times in zip(ROLL_FIGURES, sets, strict=True):
+            say_row(f"{name}: {what}", told(list(times)))
+    ratios = np.divide(medians[1], medians[0])
+    say(f"roll by small: {', '.join(f'{one:.2f}' for one in ratios)}")
+    return bool(ratios.max() <= PROMISES_MS["roll"])
+
+
+ROLL_FIGURES = (
+    "key to the new point drawn",
+    "key to all its tiles",
+    "click to the placed mark",
+    "filter on screen",
+    "filter, and the desk's answer",
+)
+
+
 def size() -> dict[str, int]:
     """Of the window: narrow when asked for `--narrow`."""
     return NARROW if "--narrow" in sys.argv else SIZE
@@ -239,6 +285,7 @@ BENCHES: dict[str, Callable[[Path], bool]] = {
     "coarse": coarse,
     "ties": ties,
     "sigma": sigma,
+    "roll": roll,
 }
 
 
