@@ -242,7 +242,7 @@ def network_of(block: Block, options: AdjustmentOptions) -> Network:
         cameras=cameras,
         camera_names=tuple(names),
         camera=camera,
-        air=np.concatenate([constants_of_air(photo.atmosphere) for photo in photos]),
+        air=np.vstack([np.zeros((0, 2)), *(constants_of_air(one.atmosphere) for one in photos)]),
         measurements=measurements,
         rays=_rays(block, place, kept, tie_point, measurements, control),
         points=_points(block, tie_point, control),
