@@ -10,6 +10,7 @@ from the first block to the last: 1 is in proportion.
 
 import argparse
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -22,7 +23,7 @@ from app.run import STAGE_NAMES
 from core.synthetic.archive import make_block
 from core.synthetic.options import SyntheticOptions
 from core.synthetic.truth import judge_control, judge_orientations, read_truth
-from sessions.session import Session
+from sessions.session import HIDDEN, Session
 from tests.benchmarks.large_desk import say
 
 STAGES = (
@@ -59,9 +60,12 @@ def run_stage(folder: Path, stage: str) -> tuple[float, float]:
 
 
 def row(folder: Path, options: SyntheticOptions) -> list[float]:
-    """Seconds of each stage of a block that is made if it is not there."""
+    """Seconds of each stage of a block that is made if it is not there; nothing of it is kept."""
     if not (folder / "block.toml").exists():
         make_block(folder, options)
+    for name in (HIDDEN, "results"):
+        shutil.rmtree(folder / name, ignore_errors=True)
+    (folder / "session.gpkg").unlink(missing_ok=True)
     found = [run_stage(folder, stage) for stage in STAGES]
     seconds, peaks = (list(values) for values in zip(*found, strict=True))
     project = read_project(folder)
