@@ -186,3 +186,21 @@ def test_without_an_ortho_the_scan_where_it_was_measured_lies_beside__truth(tmp_
         # The same ground in two scans, the mark over both.
         assert np.corrcoef(left, right)[0, 1] > 0.6
     inputs.session.close()
+
+
+def test_an_unlikely_proposal_is_not_accepted_with_the_others__law(page, inputs):
+    first = click_at_truth(page)
+    keep(page)
+    page.wait_for_selector("#proposals:not([hidden])")
+    caught_up(page)
+    wrong = page.evaluate("""() => {
+      const far = gruber.parts.point.others.filter(({ state }) => state === "proposed").at(-1);
+      far.score = 0.4;
+      return far.photo;
+    }""")
+    page.keyboard.press("Shift+Y")
+    page.wait_for_function("document.querySelector('.notice')?.textContent.startsWith('1 place')")
+    page.wait_for_function("gruber.parts.status.decided > 1")
+    assert wrong not in {key[1] for key in placed(inputs)}
+    assert len(placed(inputs)) >= 2
+    assert current(page).split("|")[0] == first[0]

@@ -155,9 +155,22 @@ export function answersYes(event) {
   return true;
 }
 
-/** Where other scans are proposed to show the point. @param {Point} point @returns {Key[]} */
-export const proposalsOf = ({ key: [name], others }) => others
-  .filter(({ state: known }) => known === "proposed").map(({ photo }) => [name, photo]);
+/** Where scans are proposed to show the point. @param {Point} point */
+const proposalsOf = ({ others }) => others.filter(({ state: known }) => known === "proposed");
+
+/**
+ * All of them as one decision; what is likelier wrong than right is left.
+ * @param {Point | null | undefined} point
+ */
+export function acceptProposals(point) {
+  const proposed = point ? proposalsOf(point) : [];
+  const likely = proposed.filter(({ score }) => (score ?? 0) > 0.5);
+  const keys = likely.map(({ photo }) => [point?.key[0], photo]);
+  const left = proposed.length - keys.length;
+  if (keys.length) send({ kind: "judge", keys, verdict: "accept" });
+  if (left) state.tell({ text: "notice.unlikely", values: { count: `${left}` }, grave: false });
+  else if (!keys.length) notice("notice.no-proposal");
+}
 
 /**
  * Done once the question is read; else it is said that nothing was.

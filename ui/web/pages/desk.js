@@ -7,8 +7,8 @@ import {
 } from "./queue.js";
 import { showMany, showPoint } from "./point.js";
 import {
-  answersNo, answersYes, areRead, askAbout, askAboutMany, askBack, askWhy, dropDraft, explain, once,
-  onceRead, noticeRoom, proposalsOf, question, setUpAsked, undo,
+  acceptProposals, answersNo, answersYes, areRead, askAbout, askAboutMany, askBack, askWhy,
+  dropDraft, explain, once, onceRead, noticeRoom, question, setUpAsked, undo,
 } from "./asked.js";
 import {
   blink, comparePoint, compareState, fitCompare, nudge, setUpCompare, switchCompare, zoomCompare,
@@ -93,14 +93,6 @@ function sendOf(message) {
   if (state.parts.point) send({ ...message(state.parts.point) });
 }
 
-/** Every place that is proposed for the current point, as one decision. */
-function acceptProposals() {
-  const { point } = state.parts;
-  const keys = point ? proposalsOf(point) : [];
-  if (keys.length) send({ kind: "judge", keys, verdict: "accept" });
-  else tell({ text: "notice.no-proposal", values: {}, grave: false });
-}
-
 /** Leads from draft to draft; where there are none but of fiducials, to their board. */
 function goToDraft() {
   const { point, queue, rows = [] } = state.parts;
@@ -120,7 +112,7 @@ function placing() {
 /** @type {Record<string, () => unknown>} */
 const ACTS = {
   accept: () => judge("accept"),
-  "accept-all": ofOne(() => decide(acceptProposals)),
+  "accept-all": ofOne(() => decide(() => acceptProposals(state.parts.point))),
   reject: () => judge("reject"),
   dubious: () => judge("dubious"),
   invisible: () => judge("invisible"),
