@@ -11,23 +11,25 @@ from pathlib import Path
 
 import numpy as np
 import tomlkit
+from pyproj import CRS
 
 from app.block_toml import FILE
 from app.exchange import decisions_of, format_named, write_lists
 from core.arrays import Affine2
-from core.errors import ProjectError
+from core.errors import CrsError, ProjectError
 from core.formats.exchange import (
     ExchangeBlock,
     ExchangeCamera,
     ExchangeFormat,
     ExchangePhoto,
     ExchangeTies,
+    places_of,
     read_format,
     understood,
 )
 from core.formats.records import scan_stem
 from core.geometry.collinearity import CORRECTIONS
-from core.geometry.crs import parse_crs
+from core.geometry.crs import check_range, parse_crs
 from core.raster.files import FILES
 from core.said import say
 from sessions.atomic_write import whole_file
@@ -94,7 +96,9 @@ def new_from(folder: Path, name: str, path: Path | None, crs: str, operator: str
         raise ProjectError(
             project, "names no CRS.", "Say in which one its coordinates are: --crs EPSG:5514."
         )
-    parse_crs(chosen, project)
+    stated = parse_crs(chosen, project)
+    if not foreign.crs:
+        _refuse_elsewhere(project, foreign, stated)
     scans = scans_of(folder, foreign)
     if not scans:
         raise ProjectError(
@@ -148,6 +152,19 @@ def _refuse_film(project: Path, foreign: ExchangeBlock) -> None:
             "knows image points on film, and no pixels of scans.",
             "Make the block with gruber new and its fiducials, then gruber import into it.",
         )
+
+
+def _refuse_elsewhere(project: Path, foreign: ExchangeBlock, stated: CRS) -> None:
+    """Refuse a CRS in which the project cannot lie, such as any where its frame is a local one."""
+    try:
+        check_range(stated, places_of(foreign), project)
+    except CrsError as error:
+        raise ProjectError(
+            project,
+            error.cause,
+            'Name the CRS it is in. A local frame is written out (--crs "+proj=tmerc +lat_0=… '
+            '+lon_0=… +datum=WGS84"), or the project is brought to a national CRS first.',
+        ) from error
 
 
 def _about_the_middle(folder: Path, foreign: ExchangeBlock) -> ExchangeBlock:

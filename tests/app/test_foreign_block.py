@@ -40,6 +40,7 @@ from sessions.session import Session
 
 HOW = Conventions("", "")
 SIZE = (900, 700)
+HERE = "+proj=tmerc +lat_0=49 +lon_0=15 +datum=WGS84 +type=crs"
 GROUND = np.array([[e, n, 300.0] for e in (1000.0, 1500, 2000) for n in (4000.0, 4600, 5000)])
 GRAIN = np.random.default_rng(5).integers(0, 255, SIZE[::-1], dtype=np.uint8)
 SQUARE = np.array([[4000.0, 0.0, 455.0], [0.0, -4000.0, 340.0]])
@@ -62,8 +63,7 @@ def project_in(folder: Path, matrix: np.ndarray, **camera: Any) -> ExchangeBlock
 
 def test_a_flat_earth_without_air_stays_one__truth(tmp_path: Path) -> None:
     """Ties of a COLMAP model are projected by our block where the model puts them."""
-    here = "+proj=tmerc +lat_0=49 +lon_0=15 +datum=WGS84 +type=crs"
-    block = replace(project_in(tmp_path, SQUARE), crs=here, measurements=(), points={})
+    block = replace(project_in(tmp_path, SQUARE), crs=HERE, measurements=(), points={})
     photos = tuple(block.photos)
     ground = GROUND + np.array([0.0, 0.0, 1.0]) * np.arange(9)[:, None] * 40
     pixels = [pixels_of(ground, block.photos[n], block.cameras["c"]) for n in photos]
@@ -105,9 +105,7 @@ def test_bundler_counts_from_the_middle_of_the_scan__truth(tmp_path: Path) -> No
     plain = {"c": replace(block.cameras["c"], tangential=(0.0, 0.0))}
     write_bundler(tmp_path / "bundle", replace(block, cameras=plain, ties=ties))
     (tmp_path / "bundle" / "gruber.json").unlink()
-    project = read_project(
-        new_from(tmp_path, "bundler", tmp_path / "bundle", "EPSG:5514", "a").file
-    )
+    project = read_project(new_from(tmp_path, "bundler", tmp_path / "bundle", HERE, "a").file)
     camera = project.cameras[project.scans.listed[0].camera]
     assert camera.principal_point_mm == pytest.approx((0.0, 0.0), abs=1e-9)
     assert project.scans.ties is not None
@@ -177,6 +175,8 @@ def test_what_cannot_become_a_block_leaves_nothing__law(
     foreign = project_in(tmp_path, SQUARE)
     with pytest.raises(ProjectError, match="names no CRS"):
         made(tmp_path, replace(foreign, crs=""), monkeypatch)
+    with pytest.raises(ProjectError, match="Name the CRS it is in"):
+        made(tmp_path, replace(foreign, crs=""), monkeypatch, "EPSG:2193")
     elsewhere = tmp_path / "empty"
     elsewhere.mkdir()
     with pytest.raises(ProjectError, match="holds no scan of the project, such as p1"):
