@@ -88,13 +88,18 @@ def film_rays(block: ExchangeBlock) -> tuple[list[FilmRay], tuple[str, ...]]:
             lost.append(name)
             continue
         rays += _on_film(block, photo, seen)
-    if not lost:
-        return rays, ()
-    told = say(
-        "{count:# photo has|# photos have} no interior orientation: measurements there left out.",
-        count=len(lost),
-    )
-    return rays, (told,)
+    notes: list[str] = []
+    if lost:
+        notes.append(
+            say(
+                "{count:# photo has|# photos have} no interior orientation: "
+                "measurements there left out.",
+                count=len(lost),
+            )
+        )
+    if any(any(lens.radial) or any(lens.tangential) for lens in block.cameras.values()):
+        notes.append(say("Image coordinates are given as without lens distortion; it is left out."))
+    return rays, tuple(notes)
 
 
 def _on_film(
