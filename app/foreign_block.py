@@ -96,9 +96,7 @@ def new_from(folder: Path, name: str, path: Path | None, crs: str, operator: str
         raise ProjectError(
             project, "names no CRS.", "Say in which one its coordinates are: --crs EPSG:5514."
         )
-    stated = parse_crs(chosen, project)
-    if not foreign.crs:
-        _refuse_elsewhere(project, foreign, stated)
+    _refuse_elsewhere(project, foreign, parse_crs(chosen, project))
     scans = scans_of(folder, foreign)
     if not scans:
         raise ProjectError(
@@ -156,6 +154,8 @@ def _refuse_film(project: Path, foreign: ExchangeBlock) -> None:
 
 def _refuse_elsewhere(project: Path, foreign: ExchangeBlock, stated: CRS) -> None:
     """Refuse a CRS in which the project cannot lie, such as any where its frame is a local one."""
+    if foreign.crs:
+        return
     try:
         check_range(stated, places_of(foreign), project)
     except CrsError as error:

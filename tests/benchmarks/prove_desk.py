@@ -81,7 +81,7 @@ def _worse(worst: dict[str, float], name: str, foretold: float, came: float) -> 
     worst[name] = max(worst[name], abs(foretold - came) / max(abs(came), 1e-6))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Page:
     """A page without a browser: what is sent and what comes back over the same wire."""
 
@@ -250,28 +250,34 @@ async def _work(port: int, count: int) -> list[float]:
     """Gestures, each answered before the next; memory is looked at when all is quiet."""
     told = []
     async with aiohttp.ClientSession(cookie_jar=aiohttp.CookieJar(unsafe=True)) as session:
-        seats = [await opened_page(session, port, f"worker-{one}") for one in range(PAGES)]
         for _ in range(4):
-            busy = set(seats)
-            share = count // (4 * PAGES)
-            await asyncio.gather(*(_gestures(page, share, busy) for page in seats))
+            busy, share = set(range(PAGES)), count // (4 * PAGES)
+            await asyncio.gather(*(_sit(session, port, seat, share, busy) for seat in range(PAGES)))
             told.append(resident_mb())
     return told
 
 
-async def _gestures(page: Page, count: int, busy: set[Page]) -> None:
-    """Of one page, which listens until all are done."""
+async def _sit(
+    session: aiohttp.ClientSession, port: int, seat: int, count: int, busy: set[int]
+) -> None:
+    """So many gestures at a seat, which listens until all are done and comes back when cut off."""
     kinds = [{"kind": "step", "step": 1}, {"kind": "step", "step": -1}, {"kind": "undo"}]
-    for number in range(count):
-        message = kinds[number % 3]
-        if number % 4 == 0:
-            message = {"kind": "judge", "key": page.current, "verdict": "dubious"}
-        await page.socket.send_json(message)
-        await _quiet(page, 0.02)
-    busy.discard(page)
+    number = 0
     while busy:
-        await _quiet(page, 2.0)
-    await _quiet(page, 2.0)
+        page = await opened_page(session, port, f"worker-{seat}")
+        with suppress(ConnectionResetError):
+            while number < count:
+                message = kinds[number % 3]
+                if number % 4 == 0:
+                    message = {"kind": "judge", "key": page.current, "verdict": "dubious"}
+                number += 1
+                await page.socket.send_json(message)
+                await _quiet(page, 0.02)
+            busy.discard(seat)
+            while busy:
+                await _quiet(page, 2.0)
+            await _quiet(page, 2.0)
+        await page.socket.close()
 
 
 async def _quiet(page: Page, seconds: float) -> None:
@@ -281,6 +287,8 @@ async def _quiet(page: Page, seconds: float) -> None:
             heard = await page.socket.receive(timeout=seconds)
         except TimeoutError:
             return
+        if heard.type is not aiohttp.WSMsgType.TEXT:
+            raise ConnectionResetError(str(heard))
         page.take(json.loads(heard.data))
 
 
