@@ -1,6 +1,6 @@
 """Import lists of surveyed points: read, compare with the block's ground, record as a whole."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
@@ -11,22 +11,20 @@ from core.block import Block, SurveyedPoint, surveyed_point
 from core.control.stage import ControlFound
 from core.errors import ProjectError
 from core.formats.listed_point import QUANTITIES, ListedPoint, PointList, PointListReading, Quantity
-from core.formats.point_axes import Heights, Surroundings
+from core.formats.point_axes import Ground, Surroundings
 from core.formats.point_list import read_point_list
 from core.formats.rotations import triple_of
-from core.geometry.crs import PlanePoints
+from core.geometry.heights import height_system
 from core.georeference.stage import Georeferenced
-from core.raster.dem import open_dem
+from core.raster.dem import HeightSource, open_dem
 from core.said import say
 from sessions.decisions import BringPoints, Recorded, standing
 from sessions.session import Session
 
-Ground = Callable[[PlanePoints], Heights]
-"""Heights of the DEM at places of the block, metres."""
 POINT_TABLE = "points"
 """What `gruber import --from` calls any table of surveyed points."""
 ANSWERS = ("encoding", "delimiter", "decimal", "columns", "axes", "crs", "role", "duplicates",
-           "outside", "heights", "refused", "sigma_xy", "sigma_Z")  # fmt: skip
+           "outside", "heights", "height_system", "refused", "sigma_xy", "sigma_Z")  # fmt: skip
 """What a word settles: fields of `PointListReading`, and accuracies of rows that say none."""
 SIGMA_FIELDS = {"sigma_xy": "sigma_plan_m", "sigma_Z": "sigma_height_m"}
 """The fields of these accuracies, metres."""
@@ -81,7 +79,7 @@ def bring_points(
     """
     block = known_block(project, session)
     files, crs = project.reference.dem, project.block.crs
-    ground = open_dem(files, crs).heights if files else None
+    ground = ground_of(project, open_dem(files, crs) if files else None)
     found = read_point_list(path, surroundings(crs, block, ground), reading)
     if found.questions or not found.points:
         return BroughtPoints(found, None)
@@ -114,10 +112,18 @@ def points_of(
     return surveyed | ({} if block is None else dict(block.surveyed))
 
 
-def surroundings(crs: str, block: Block | None, ground: Ground | None = None) -> Surroundings:
+def ground_of(project: Project, dem: HeightSource | None) -> Ground:
+    """The heights of a block, with which those of a list are compared."""
+    system = height_system(project.block.heights) or ""
+    if dem is None or not project.reference.dem:
+        return Ground(system=system)
+    return Ground(dem.heights, project.reference.sigmas_m(project.block.crs)[1], system)
+
+
+def surroundings(crs: str, block: Block | None, ground: Ground) -> Surroundings:
     """Where the points of a list ought to lie, and the points whose names are the block's."""
     if block is None or not block.photos:
-        return Surroundings(crs)
+        return Surroundings(crs, ground=ground)
     taken = {
         name: triple_of(point.position)
         for name, point in block.surveyed.items()

@@ -12,7 +12,13 @@ from core.block import UNKNOWN_M, SurveyedPoint
 from core.doubts import Doubt
 from core.errors import PhotogrammetryError
 from core.geometry.crs import shared_bounds
-from core.geometry.heights import ELLIPSOIDAL, height_offset, height_system, vertical_of
+from core.geometry.heights import (
+    ELLIPSOIDAL,
+    height_offset,
+    height_system,
+    told_offset,
+    vertical_of,
+)
 from core.matching.reference import DEM_SIGMA
 from core.raster.dem import Dem, HeightSource, open_dem
 from core.results import StageResults
@@ -71,19 +77,7 @@ def offset_told(
     known = [point for point in surveyed if point.sigma_m[2] < UNKNOWN_M]
     places: ObjectPoints = np.array([point.position for point in known]).reshape(-1, 3)
     sigma = np.hypot([point.sigma_m[2] for point in known], dem_sigma_m)
-    found = height_offset(places[:, 2], dem.heights(places[:, :2]), sigma)
-    if found is None:
-        return None
-    return say(
-        "{name}: heights of {count} points lie {offset:+.1f} m off the DEM, all alike (scatter "
-        "{scatter:.1f} m). Ellipsoidal heights lie about 45 m above normal heights in Czechia. Are "
-        "they of another system than the DEM? If so, bring the list to that of the DEM, or take "
-        "{offset:.1f} m off its heights.",
-        name=name or "block.toml",
-        count=found.count,
-        offset=found.offset_m,
-        scatter=found.scatter_m,
-    )
+    return told_offset(name or "block.toml", places[:, 2], dem.heights(places[:, :2]), sigma)
 
 
 # design: a tenth of them on houses or in woods decides nothing

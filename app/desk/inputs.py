@@ -11,7 +11,7 @@ from typing import Protocol, cast
 import numpy as np
 from aiohttp import web
 
-from app.bring_points import brought_points
+from app.bring_points import brought_points, ground_of
 from app.desk.background import Adjust, Fill, Remake
 from app.desk.comparing import Comparing, Transferring, photographs
 from app.desk.exporting import Standing, export_routes
@@ -36,6 +36,7 @@ from core.control.prediction import covariances_of, predict_points
 from core.control.stage import ControlFound, adjusted_without_gross
 from core.doubts import Doubt
 from core.errors import ProjectError
+from core.formats.point_axes import Ground
 from core.geometry.camera import Camera
 from core.georeference.stage import Georeferenced
 from core.localisation.photo_orientation import OrientationOptions
@@ -112,6 +113,8 @@ class DeskInputs:
     """(block, progress) -> report."""
     remake: Remake
     """(photo_ids, progress, report): orthos of these photos and the mosaic, made again."""
+    ground: Ground = field(default_factory=Ground)
+    """Heights with which those of brought lists are compared."""
     read_scan: ScanWindow = field(default_factory=ScanFiles)
     """(path, column, row, columns, rows, reduction) -> grey values."""
     made: Made | None = None
@@ -253,10 +256,9 @@ def desk_inputs(
         raise ProjectError(project.file, "the block has no control points to review yet.", remedy)
     scans, block = ScanFiles(project.folder), assembly.report.block.with_fixed_origin()
     reference = open_reference(given.reference, placed.block.search_bounds, level_of(block))
-    initial = initial_state_of(given, session, placed)
+    initial, adjusting = initial_state_of(given, session, placed), adjusting_of(given, reference)
     opened = photographs(scans, initial)
     compared = Comparing(reference, given.control.orientation, opened)
-    adjusting = adjusting_of(given, reference)
     standing = Standing(block, initial, adjusting)
     report, (made, written) = standing(session, SILENT), last_results(session, block)
     return DeskInputs(
@@ -268,6 +270,7 @@ def desk_inputs(
         has_ortho=reference.ortho.is_there,
         years=project.reference.years(block.crs),
         dem=reference.dem,
+        ground=ground_of(project, reference.dem),
         read_scan=scans,
         adjust=adjusting,
         choose=adjusting.choose,

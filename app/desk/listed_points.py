@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, cast, get_args, get_type_hints
 
 from app.bring_measurements import measured_part
-from app.bring_points import POINT_TABLE, Ground, points_of, surroundings
+from app.bring_points import POINT_TABLE, points_of, surroundings
 from app.brought_lists import Brought, TakenOver
 from app.desk.messages import Measured
 from app.exchange import format_names, usable_part
@@ -18,7 +18,7 @@ from core.errors import PhotogrammetryError
 from core.formats.exchange_formats import FORMATS
 from core.formats.listed_point import QUANTITIES, PointList, PointListReading
 from core.formats.measurement_list import MEASUREMENTS
-from core.formats.point_axes import AXES
+from core.formats.point_axes import AXES, Ground
 from core.formats.point_list import read_point_list
 from sessions.decisions import BringPoints
 from sessions.session import Session
@@ -26,7 +26,7 @@ from ui.review.state import Notice
 
 CHOICES = {
     name: get_args(get_type_hints(PointListReading)[name])
-    for name in ("role", "duplicates", "outside", "heights", "refused")
+    for name in ("role", "duplicates", "outside", "heights", "height_system", "refused")
 }
 """Words that some fields of a reading take."""
 # design: what one looks at before a list comes in.
@@ -56,7 +56,7 @@ class DeskPoints:
         block: Block,
         folder: Path,
         hand_in: Callable[[Measured], None],
-        ground: Ground | None = None,
+        ground: Ground,
     ) -> None:
         """The door.
 
@@ -64,7 +64,7 @@ class DeskPoints:
             block: As the engine left it.
             folder: The block's folder.
             hand_in: Takes what is to be recorded.
-            ground: Heights of the DEM; None without one.
+            ground: Heights of the block.
         """
         self._block, self._folder, self._hand_in = block, folder, hand_in
         self._ground = ground
@@ -232,7 +232,7 @@ def _laid_out(name: str, data: bytes, reading: Mapping[str, Any]) -> Generator[P
 
 
 def _read(
-    name: str, data: bytes, reading: Mapping[str, Any], block: Block, ground: Ground | None
+    name: str, data: bytes, reading: Mapping[str, Any], block: Block, ground: Ground
 ) -> PointList:
     """A list that came over the wire, under its own name."""
     plain = _plain(name)

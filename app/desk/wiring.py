@@ -37,7 +37,6 @@ from app.desk.planning import plan_route, sample_route
 from app.running import Running
 from core.block import Block
 from core.geometry.crs import Bounds
-from core.raster.dem import LevelGround
 from core.raster.grid import Grid
 from ui.review.compare import (
     Drawn,
@@ -145,8 +144,7 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     upstream = Upstream(scene.port, SECRET_HEADER, scene.secret)
     start = _start(desk, lattice)
     leaving = Leaving()
-    ground = None if isinstance(desk.dem, LevelGround) else desk.dem.heights
-    points = DeskPoints(desk.block, desk.session.folder, inbox.put, ground)
+    points = DeskPoints(desk.block, desk.session.folder, inbox.put, desk.ground)
     placing = _placing_routes(desk, tiles, inbox.put)
 
     def sheets_made() -> None:

@@ -90,6 +90,8 @@ class PointListReading:
     """What becomes of points that no photo can see; asked where empty."""
     heights: Literal["", "leave out", "keep"] = ""
     """What becomes of points whose height no ground there can have; asked where empty."""
+    height_system: Literal["", "keep"] = ""
+    """Whether heights that may be of another system come in as they are; asked where empty."""
     refused: Literal["", "leave out"] = ""
     """Whether the others come in although rows are refused; asked where empty."""
 
@@ -189,6 +191,13 @@ KNOWN: dict[str, Quantity] = {
 }
 GEOGRAPHIC = {"lon", "long", "longitude", "lat", "latitude", "delka", "sirka"}
 """Names of columns that hold degrees."""
+ABOVE_ELLIPSOID = {
+    *("hellipsoidal", "hellipsoid", "hellips", "hell", "hae", "heightellipsoidal", "ellh"),
+    *("ellipsoidalheight", "ellipsoidheight", "ellheight", "ellipsoidalh", "heightaboveellipsoid"),
+    *("zellipsoidal", "elipsoidickavyska", "vyskaelipsoidicka", "helips", "helipsoidicka"),
+    *("ellipsoidischehohe", "ellipsoidhohe"),
+}
+"""Names of columns that hold heights above the ellipsoid."""
 EAST_NORTH = {
     "e",
     "em",
@@ -231,7 +240,7 @@ def plain_word(text: str) -> str:
 
 def known_words(cells: Sequence[str]) -> int:
     """How many cells name a column."""
-    return sum(plain_word(cell) in KNOWN or plain_word(cell) == "n" for cell in cells)
+    return sum(plain_word(cell) in {*KNOWN, *ABOVE_ELLIPSOID, "n"} for cell in cells)
 
 
 def unit_of(name: str) -> str:
@@ -246,9 +255,11 @@ def named_columns(header: Sequence[str]) -> tuple[Quantity, ...]:
     """What each column holds by its name; a second name for points describes them."""
     words = [plain_word(name) for name in header]
     geographic = sum(word in GEOGRAPHIC for word in words) > 1
+    # Beside heights of another name those above the ellipsoid are not wanted.
+    ellipsoidal = "" if any(KNOWN.get(word) == "Z" for word in words) else "Z"
     found: list[Quantity] = []
     for word in words:
-        quantity = KNOWN.get(word, "")
+        quantity = ellipsoidal if word in ABOVE_ELLIPSOID else KNOWN.get(word, "")
         if word == "n":  # northing beside an E, the name in MicMac's `N X Y Z`
             quantity = "id" if "x" in words and "y" in words else "Y"
         if geographic and word in ("x", "y"):  # pixels, where degrees stand beside them

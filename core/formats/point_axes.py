@@ -11,6 +11,7 @@ from pyproj import CRS
 
 from core.errors import CrsError
 from core.formats.listed_point import (
+    ABOVE_ELLIPSOID,
     EAST_NORTH,
     GEOGRAPHIC,
     Axes,
@@ -23,7 +24,15 @@ from core.formats.listed_point import (
     Triple,
     plain_word,
 )
-from core.geometry.crs import KROVAK, KROVAK_RANGE, Bounds, PlanePoints, operation_between
+from core.geometry.crs import (
+    KROVAK,
+    KROVAK_RANGE,
+    Bounds,
+    PlanePoints,
+    operation_between,
+    read_crs,
+)
+from core.geometry.heights import ELLIPSOIDAL, told_offset, vertical_of
 from core.said import say
 
 Heights = Float64[np.ndarray, "points"]
@@ -50,6 +59,18 @@ WHOLE_OR_NOT = (
 
 
 @dataclass(frozen=True, slots=True)
+class Ground:
+    """The heights of a block, with which those of a list are compared."""
+
+    heights: Callable[[PlanePoints], Heights] | None = None
+    """Of the DEM at places in the block's CRS, metres, NaN beside it; None without a DEM."""
+    sigma_m: float = 0.0
+    """Their standard deviation, metres."""
+    system: str = ""
+    """Height system of the block, as a code; empty where nobody says it."""
+
+
+@dataclass(frozen=True, slots=True)
 class Surroundings:
     """Where the points of a list ought to lie."""
 
@@ -59,8 +80,8 @@ class Surroundings:
     """Ground of the block's photos in that CRS, metres; None where it is not known yet."""
     taken: Mapping[str, Triple] = field(default_factory=dict[str, Triple])
     """Points of another kind by name, in that CRS: the block found them itself; metres."""
-    ground: Callable[[PlanePoints], Heights] | None = None
-    """Heights of the DEM at places in that CRS, metres, NaN beside it; None without a DEM."""
+    ground: Ground = field(default_factory=Ground)
+    """Its heights."""
 
     @property
     def reach(self) -> Bounds | None:
@@ -340,10 +361,10 @@ def on_the_ground(
         around: The ground.
         name: The list, as the user knows it.
     """
-    if around.ground is None or reading.heights == "keep" or not rows:
+    if around.ground.heights is None or reading.heights == "keep" or not rows:
         return rows, [], ()
     heights = np.array([row.point.height for row in rows])
-    ground = around.ground(_plane(rows))
+    ground = around.ground.heights(_plane(rows))
     known = np.array([row.point.role != "plan" for row in rows])
     off = known & (np.abs(heights - ground) > HIGHEST_OFF_M)
     if not off.any():
@@ -363,6 +384,47 @@ def on_the_ground(
         ground=level,
     )
     return rows, [], (Question("heights", words, WHOLE_OR_NOT),)
+
+
+def asked_of_system(
+    rows: Sequence[ReadRow], found: PointList, around: Surroundings, name: str
+) -> tuple[Question, ...]:
+    """Whether heights that seem to be of another system than the block's are its own all the same.
+
+    Args:
+        rows: Points of the list in the block's CRS.
+        found: The list.
+        around: The block's heights.
+        name: The list, as the user knows it.
+    """
+    known = [row.point for row in rows if row.point.role != "plan"]
+    if found.reading.height_system == "keep" or not known:
+        return ()
+    words = None
+    if around.ground.heights is not None:
+        places = np.array([(one.easting, one.northing) for one in known])
+        sigma_m = np.hypot([one.sigma_m[2] for one in known], around.ground.sigma_m)
+        heights = np.array([one.height for one in known])
+        words = told_offset(name, heights, around.ground.heights(places), sigma_m)
+    if words is None and around.ground.system != ELLIPSOIDAL and _above_ellipsoid(found):
+        words = say(
+            "{file}: the list says that its heights are ellipsoidal, and block.toml [block] "
+            "heights does not say so of the block's. Ellipsoidal heights lie about 45 m above "
+            "normal heights in Czechia. If the block has others, bring the list to these first.",
+            file=name,
+        )
+    if words is None:
+        return ()
+    keep = Choice("keep", say("take them as they are: they are heights of the block's system"))
+    return (Question("height_system", words, (keep,)),)
+
+
+def _above_ellipsoid(found: PointList) -> bool:
+    """Whether the name of the column of heights, or the CRS, says that they are ellipsoidal."""
+    columns = zip(found.table.header, found.reading.columns or (), strict=False)
+    named = any(plain_word(head) in ABOVE_ELLIPSOID for head, held in columns if held == "Z")
+    crs = found.reading.crs
+    return named or (bool(crs) and vertical_of(read_crs(crs, "")) == ELLIPSOIDAL)
 
 
 def _above(row: ReadRow, ground_m: float) -> RefusedRow:

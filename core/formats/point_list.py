@@ -40,6 +40,7 @@ from core.formats.listed_point import (
 from core.formats.point_axes import (
     AS_WRITTEN,
     Surroundings,
+    asked_of_system,
     evidence_of_crs,
     on_the_ground,
     placed_rows,
@@ -75,7 +76,14 @@ def read_point_list(
         ProjectError: Not to be read, no table, or empty.
         CrsError: The CRS named for the list is unknown or leads nowhere.
     """
-    given = reading or PointListReading()
+    found = _read_list(path, around, reading or PointListReading())
+    if not found.table.rows:
+        raise ProjectError(path, "The list holds no rows.", "Give a table with a row for a point.")
+    return found
+
+
+def _read_list(path: Path, around: Surroundings, given: PointListReading) -> PointList:
+    """A list, which may hold a header alone."""
     table = read_table(
         path,
         known_words,
@@ -133,7 +141,9 @@ def read_control_points(path: Path, crs: str) -> tuple[ListedPoint, ...]:
     Raises:
         ProjectError: Not to be read; a row is refused; a question is left.
     """
-    found = read_point_list(path, Surroundings(crs), PointListReading(axes=AS_WRITTEN))
+    # Heights of another system are a doubt of every run, and nothing to be asked before it.
+    reading = PointListReading(axes=AS_WRITTEN, height_system="keep")
+    found = _read_list(path, Surroundings(crs), reading)
     if not found.table.rows:
         return ()
     refuse_doubtful(path, found, "Name the columns as id,X,Y,Z,sigma_xy,sigma_z,role.")
@@ -231,7 +241,7 @@ def _with_points(found: PointList, around: Surroundings, path: Path) -> PointLis
         if not question:
             placed, off, question = on_the_ground(placed, reading, around, path.name)
             refused += off
-            asked += question
+            asked += question or asked_of_system(placed, found, around, path.name)
     refused.sort(key=lambda row: row.number)
     if refused and reading.refused == "":
         asked += (_asked_of_refused(refused, len(placed)),)

@@ -12,6 +12,7 @@ from pyproj.exceptions import CRSError
 
 from core.arrays import Scalars
 from core.geometry.robust import robust_sigma
+from core.said import Said, say
 
 ELLIPSOIDAL = "ellipsoidal"
 """Heights above the ellipsoid, which no vertical CRS names."""
@@ -93,3 +94,27 @@ def height_offset(heights: Scalars, ground: Scalars, sigma_m: Scalars) -> Height
     if abs(offset) < max(FAR_M, allowed):
         return None
     return HeightOffset(offset, scatter, len(off))
+
+
+def told_offset(name: str, heights: Scalars, ground: Scalars, sigma_m: Scalars) -> Said | None:
+    """The question about a list whose heights lie off the DEM all alike; None where they fit.
+
+    Args:
+        name: The list, as the user knows it.
+        heights: Its heights, metres.
+        ground: Height of the DEM at each place, metres; NaN where it is not known.
+        sigma_m: What each difference may be off by the list and the DEM, metres.
+    """
+    found = height_offset(heights, ground, sigma_m)
+    if found is None:
+        return None
+    return say(
+        "{name}: heights of {count} points lie {offset:+.1f} m off the DEM, all alike (scatter "
+        "{scatter:.1f} m). Ellipsoidal heights lie about 45 m above normal heights in Czechia. Are "
+        "they of another system than the DEM? If so, bring the list to that of the DEM, or take "
+        "{offset:.1f} m off its heights.",
+        name=name,
+        count=found.count,
+        offset=found.offset_m,
+        scatter=found.scatter_m,
+    )

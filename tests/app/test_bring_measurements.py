@@ -15,6 +15,7 @@ from core.errors import ProjectError
 from core.exchange import UPRIGHT_SUFFIX
 from core.formats.listed_point import ListedPoint
 from core.formats.micmac_points import read_image_measures
+from core.formats.point_axes import Ground
 from core.formats.tie_list import read_ties
 from sessions.decisions import BringPoints, Place, standing
 from sessions.session import Session
@@ -141,7 +142,7 @@ def test_a_list_comes_in_at_the_desk_as_well__truth(block: BlockCopy) -> None:
     flown = tiny_flight().block
     surveyed = {"J1": next(iter(flown.surveyed.values()))}
     handed: list[Measured] = []
-    points = DeskPoints(replace(flown, surveyed=surveyed), block.folder, handed.append)
+    points = DeskPoints(replace(flown, surveyed=surveyed), block.folder, handed.append, Ground())
     reading, data = {"format": "measurements"}, path.read_bytes()
     page = points.read("list.csv", data, reading)
     assert page["counts"] == {"measurements": 1, "ties": 1}

@@ -2,20 +2,24 @@
 
 import shutil
 import zipfile
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from app.bring_points import bring_points, known_block
+from app.bring_points import bring_points, ground_of, known_block, reading_of, surroundings
 from app.project import read_project
 from core.errors import PhotogrammetryError
 from core.exchange import fit_to_format
 from core.formats.exchange_formats import FORMATS
 from core.formats.listed_point import PointListReading
 from core.formats.point_files import write_points
+from core.formats.point_list import read_point_list
 from core.geometry.crs import operation_between
+from core.geometry.heights import ELLIPSOIDAL, FAR_M
+from core.raster.dem import open_dem
 from sessions.decisions import BringPoints
 from sessions.session import Session
 from tests.tiny import Tiny
@@ -39,6 +43,7 @@ def rows(*more: str, header: str = "id,X,Y,Z") -> bytes:
 ERRORS: dict[str, tuple[bytes, str]] = {
     "empty": (b"", "holds no rows"),
     "only blank lines": (b"\n \n\t\n", "holds no rows"),
+    "a header alone": (b"id,X,Y,Z\n", "holds no rows"),
     "only comments": (b"# nothing\n# yet\n", "holds no rows"),
     "spreadsheet": (zipped(), "spreadsheet"),
     "old spreadsheet": (b"\xd0\xcf\x11\xe0" + bytes(600), "spreadsheet"),
@@ -57,7 +62,6 @@ QUESTIONS: dict[str, tuple[bytes, str]] = {
     "no heights": (b"id,X,Y\nA,1,2\nB,3,4\n", "columns"),
     "no names": (f"X,Y,Z\n{EAST},{NORTH},250\n".encode(), "columns"),
     "no coordinates": (b"id,role\nA,control\n", "columns"),
-    "a header alone": (b"id,X,Y,Z\n", "columns"),
     "prose": (b"Dear colleague,\nplease find the points attached.\n", "columns"),
     "two eastings": (f"id,X,Easting,Y,Z\nA,{EAST},{EAST},{NORTH},250\n".encode(), "columns"),
     "kilometres": (b"id,X [km],Y [km],Z\nA,-577.3,-1193.4,250\n", "columns"),
@@ -155,6 +159,39 @@ def test_a_height_far_off_the_dem_is_told_with_file_point_and_both_heights__trut
     with Session.open(block, "anna") as session:
         session.undo()
         session.undo()
+
+
+@pytest.mark.parametrize(
+    ("head", "above_m", "words"),
+    [
+        ("Z", 44.7, "points.csv: heights of 3 points lie +44.7 m off the DEM"),
+        ("h_ellipsoidal", 44.7, "points.csv: heights of 3 points lie +44.7 m off the DEM"),
+        ("ellipsoidal height [m]", 0.0, "the list says that its heights are ellipsoidal"),
+        ("elipsoidická výška", 0.0, "the list says that its heights are ellipsoidal"),
+        ("Z", 3.0, ""),
+    ],
+)
+def test_heights_of_another_system_are_asked_about__truth(block, tmp_path, head, above_m, words):
+    project = read_project(block)
+    plan = np.array([[EAST, NORTH], [EAST + 50, NORTH + 50], [EAST - 50, NORTH]])
+    dem = open_dem(project.reference.dem, project.block.crs)
+    ground = dem.heights(plan).tolist()
+    lines = [
+        f"E{n},{east},{north},{height + above_m}"
+        for n, ((east, north), height) in enumerate(zip(plan.tolist(), ground, strict=True))
+    ]
+    content = "\n".join([f"id,X,Y,{head}", *lines]).encode()
+    path = tmp_path / "points.csv"
+    path.write_bytes(content)
+    around = surroundings(project.block.crs, None, ground_of(project, dem))
+    asked = read_point_list(path, around).questions
+    assert [one.about for one in asked] == (["height_system"] if words else [])
+    assert all(words in one.words for one in asked)
+    answered = read_point_list(path, around, reading_of(["height_system=keep"]))
+    assert (answered.questions, len(answered.points)) == ((), 3)
+    # A block whose own heights are ellipsoidal is asked only where the DEM is against it.
+    own = replace(around, ground=replace(around.ground, system=ELLIPSOIDAL))
+    assert len(read_point_list(path, own).questions) == (above_m > FAR_M)
 
 
 @pytest.mark.parametrize("name", QUESTIONS)

@@ -5,6 +5,7 @@ import pytest
 from app.desk.listed_points import DeskPoints, reading_of
 from core.errors import ProjectError
 from core.formats.listed_point import PointListReading
+from core.formats.point_axes import Ground
 from sessions.decisions import BringPoints
 from sessions.session import Session
 from tests.ui.desk_block import tiny_block
@@ -17,7 +18,7 @@ def handed():
 
 @pytest.fixture
 def points(tmp_path, handed):
-    return DeskPoints(tiny_block().block, tmp_path, handed.append)
+    return DeskPoints(tiny_block().block, tmp_path, handed.append, Ground())
 
 
 def place():

@@ -65,7 +65,7 @@ PLAIN = "# CRS: EPSG:5514\nid,X,Y,Z\n"
 @pytest.mark.parametrize(
     ("text", "words"),
     [("id,X,Y,Z\n1,-743000,-1043000,300\n", "names no CRS"),
-     (PLAIN + "1,-743000,-1043000,high\n", "line 3"), (PLAIN, "No row can be used"),
+     (PLAIN + "1,-743000,-1043000,high\n", "line 3"), (PLAIN, "holds no rows"),
      (PLAIN + "1,-743000,-1043000,300\n1,-743010,-1043000,300\n", "lines 3 and 4"),
      (PLAIN + "1,14.4,50.1,300\n", "degrees|No point lies")],
 )  # fmt: skip
