@@ -4,7 +4,7 @@
 and the others read and write one fixed convention.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from core.errors import ProjectError
-from core.formats.eo_list import ASKED, EoList, EoRecord, is_steep, read_eo_records
+from core.formats.eo_list import ASKED, NAMED, EoList, EoRecord, read_eo_records
 from core.formats.exchange import Conventions, ExchangeBlock, ExchangeFormat, ExchangePhoto, Triple
 from core.formats.film_rays import median_misfit, not_oriented
 from core.formats.records import write_rows
@@ -51,7 +51,7 @@ def read_eo_block(
         heads: What its columns hold, where somebody said it; see `read_eo_records`.
 
     Raises:
-        ProjectError: The list cannot be used, or nothing tells how it counts.
+        ProjectError: The list cannot be used, or nothing tells how it counts or what it holds.
     """
     told = ""
     try:
@@ -66,8 +66,18 @@ def read_eo_block(
         if said is None and not told:
             _check_angles(path, listed, known)
     photos = {name: _photo(record) for name, record in listed.records.items()}
+    if listed.perhaps_angles:
+        raise ProjectError(
+            path,
+            "The columns {names} hold numbers where angles would stand, and their names say "
+            "nothing of them.",
+            NAMED,
+            names=", ".join(listed.perhaps_angles),
+        )
     notes = [told] if told else []
-    steep = list(is_steep(listed.records, STEEP))
+    if listed.unread:
+        notes.append(say("Columns that are not read: {unread}", unread=list(listed.unread)))
+    steep = list(_steep(listed.records, STEEP))
     if steep:
         notes.append(
             say(
@@ -78,6 +88,15 @@ def read_eo_block(
             )
         )
     return ExchangeBlock(crs=listed.crs, photos=photos, notes=tuple(notes))
+
+
+def _steep(records: Mapping[str, EoRecord], limit: float) -> Iterator[str]:
+    """Scans whose photo looks further from straight down than a limit, radians."""
+    for name, record in records.items():
+        if record.angles is not None:
+            omega, phi, _ = record.angles
+            if np.cos(omega) * np.cos(phi) < np.cos(limit):
+                yield name
 
 
 def _photo(record: EoRecord) -> ExchangePhoto:

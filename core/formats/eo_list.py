@@ -9,7 +9,7 @@ the reader asks, unless who calls says it.
 
 import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast, get_args
@@ -107,6 +107,10 @@ class EoList:
     """By scan, in the order of the file."""
     crs: str = ""
     """CRS that a comment of the list names; empty where none does."""
+    unread: Sequence[str] = ()
+    """Heads of columns that are not read."""
+    perhaps_angles: Sequence[str] = ()
+    """Three of them with numbers behind the position, in a list without angles."""
 
 
 def read_eo_list(path: Path) -> Mapping[str, EoRecord]:
@@ -143,8 +147,10 @@ def read_eo_records(
     if len(rows) < 1 + headed:
         raise ProjectError(path, "The list holds no rows.", REMEDY)
     delimiter = _delimiter(rows[0][1])
+    unread: Sequence[str] = ()
     if headed:
-        columns = _columns(path, heads or _cells(rows[0][1], delimiter))
+        unread = [] if heads else _cells(rows[0][1], delimiter)
+        columns = _columns(path, heads or unread)
         rows = rows[1:]
         # Some programs part heads by commas and rows by tabs.
         delimiter = delimiter if delimiter in rows[0][1] else _delimiter(rows[0][1])
@@ -171,7 +177,8 @@ def read_eo_records(
                 first=first[record.scan],
             )
         records[record.scan], first[record.scan] = record, number
-    return EoList(records, _stated_crs(comments))
+    crs, cells = _stated_crs(comments), _cells(rows[0][1], delimiter)
+    return EoList(records, crs, *_unread(unread, columns, cells))
 
 
 @dataclass(frozen=True, slots=True)
@@ -348,6 +355,18 @@ def _convention(
     return AngleConvention(order, unit)
 
 
+def _unread(
+    heads: Sequence[str], columns: _Columns, cells: Sequence[str]
+) -> tuple[Sequence[str], Sequence[str]]:
+    """Heads that are not read, and three of them that may be angles by the first row."""
+    unread = [head for head in heads if head and _word(head)[0] not in COLUMN_WORDS.values()]
+    start = 1 + max(columns.at[name] for name in ("x", "y", "z"))
+    behind = slice(start, start + 3)
+    numbers = [head for head, cell in zip(heads[behind], cells[behind], strict=False)
+               if head in unread and _is_number(cell)]  # fmt: skip
+    return unread, numbers if columns.last_angle < 0 and len(numbers) == 3 else ()
+
+
 @dataclass(frozen=True, slots=True)
 class _Table:
     """What turns rows into records."""
@@ -470,12 +489,3 @@ class _Table:
                 number=number,
                 scan=scan,
             )
-
-
-def is_steep(records: Mapping[str, EoRecord], limit: float) -> Iterator[str]:
-    """Scans whose photo looks further from straight down than a limit, radians."""
-    for name, record in records.items():
-        if record.angles is not None:
-            omega, phi, _ = record.angles
-            if np.cos(omega) * np.cos(phi) < np.cos(limit):
-                yield name
