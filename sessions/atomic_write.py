@@ -9,7 +9,7 @@ from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from sessions.disk import explain_disk_errors, is_about_disk, storage_error
+from sessions.disk import explain_disk_errors, is_about_disk, make_folder_of, storage_error
 from sessions.processes import is_alive, this_process
 
 OLD_SECONDS = 24 * 3600.0
@@ -31,8 +31,7 @@ def whole_file(path: Path) -> Generator[Path]:
     Raises:
         StorageError: The disk is full or may not be written; `path` is then as it was.
     """
-    with explain_disk_errors(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder_of(path)
     with _temporary(path) as temporary:
         with explain_disk_errors(path):
             # Whether one may write here is asked first: later a library may hide the answer.
@@ -56,8 +55,7 @@ def whole_folder(path: Path) -> Generator[Path]:
 
     A folder that stood there is moved aside first, so a kill in that very moment leaves none.
     """
-    with explain_disk_errors(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder_of(path)
     with _temporary(path) as temporary:
         with explain_disk_errors(path):
             temporary.mkdir()

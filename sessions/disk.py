@@ -26,6 +26,25 @@ def explain_disk_errors(path: Path) -> Generator[None]:
         raise storage_error(path, error) from error
 
 
+def make_folder_of(path: Path) -> None:
+    """Make the folder of a file that is to be written, with those above it.
+
+    Raises:
+        StorageError: It cannot be made.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        if is_full(path, error) or error.errno in _FORBIDDEN | _NO_FOLDER:
+            raise storage_error(path, error) from error
+        raise StorageError(
+            path.parent,
+            "cannot be made ({error}).",
+            "Name another folder, or make this one yourself.",
+            error=error.strerror or error,
+        ) from error
+
+
 def may_be_written(*places: Path) -> bool:
     """True when each of these files and folders, as far as they are there, may be written."""
     return all(os.access(place, os.W_OK) for place in places if place.exists())

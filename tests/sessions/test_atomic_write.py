@@ -1,5 +1,6 @@
 """Files that are whole or not there."""
 
+import errno
 import os
 import subprocess
 import sys
@@ -192,6 +193,25 @@ def test_a_file_where_the_folder_should_be_is_told__truth(tmp_path: Path) -> Non
         whole_file(tmp_path / "results" / "a.csv"),
     ):
         pass
+
+
+def test_a_folder_that_cannot_be_made_is_told__truth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As below `/proc`, where nothing can be made and the system says that there is no folder."""
+
+    def nowhere(*_: object, **__: object) -> None:
+        raise FileNotFoundError(errno.ENOENT, "No such file or directory", "x")
+
+    monkeypatch.setattr(Path, "mkdir", nowhere)
+    for whole in (whole_file, whole_folder):
+        with (
+            pytest.raises(StorageError, match="cannot be made") as told,
+            whole(tmp_path / "nope" / "a.csv"),
+        ):
+            pass
+        assert told.value.file.endswith("nope")
+        assert told.value.remedy == "Name another folder, or make this one yourself."
 
 
 def test_an_error_about_another_file_passes__truth(tmp_path: Path) -> None:
