@@ -27,7 +27,7 @@ from core.formats.exchange import (
 )
 from core.formats.film_rays import principal_distance_mm
 from core.formats.outlines import ground_outline, off_nadir
-from core.formats.records import json_numbers, read_json, write_json
+from core.formats.records import json_numbers, read_bytes, read_json, write_json
 from core.formats.rotations import triple_of
 from core.geometry.exterior import ExteriorOrientation
 from core.geometry.map_in_space import MapInSpace, map_crs, map_in_space
@@ -247,18 +247,20 @@ def read_stac(path: Path) -> ExchangeBlock:
     """A folder of items, or one item or collection of features.
 
     Raises:
-        ProjectError: It holds no item, or an item lacks a field or contradicts another one.
+        ProjectError: It holds no photo, or an item lacks a field or contradicts another one.
     """
     files = [path]
-    if path.is_dir():
+    folder = path.is_dir()
+    if folder:
         files = [one for one in sorted(path.iterdir()) if one.suffix.lower() == ".json"]
     photos: dict[str, ExchangePhoto] = {}
     cameras: dict[str, ExchangeCamera] = {}
-    crs = ""
+    crs, oriented = "", False
     for file in files:
-        for item in _items(file):
+        for item in [] if folder and not _claims(file) else _items(file):
             fields = cast("Mapping[str, Any]", item.get("properties") or {})
             named = _crs(fields)
+            oriented |= any(key.startswith("pers:") for key in fields)
             if named and crs and named != crs:
                 raise ProjectError(
                     file,
@@ -281,7 +283,14 @@ def read_stac(path: Path) -> ExchangeBlock:
                 cameras[camera.name] = camera
     if not photos:
         raise ProjectError(path, "holds no STAC item.", REMEDY)
+    if not oriented:
+        raise ProjectError(path, "holds no STAC item of a photo with its orientation.", REMEDY)
     return ExchangeBlock(crs, cameras, photos)
+
+
+def _claims(path: Path) -> bool:
+    """Whether a file says that it is of STAC: other ones may lie beside items."""
+    return b'"stac_version"' in read_bytes(path)
 
 
 def _items(path: Path) -> list[Mapping[str, Any]]:

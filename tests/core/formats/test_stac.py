@@ -197,6 +197,24 @@ def test_broken_items_are_named__truth(tmp_path: Path, text: str, words: str) ->
         read_stac(path)
 
 
+def test_files_beside_items_are_passed_over__truth(tmp_path: Path) -> None:
+    for name, text in (("a", "{"), ("b", '{"type": "FeatureCollection", "features": [{}]}')):
+        (tmp_path / f"{name}.json").write_text(text)
+    with pytest.raises(ProjectError, match="holds no STAC item") as told:
+        read_stac(tmp_path)
+    assert told.value.file == str(tmp_path)
+    plain = {**DANISH, "properties": {"datetime": None}}
+    (tmp_path / "c.json").write_text(json.dumps(plain))
+    with pytest.raises(ProjectError, match="of a photo with its orientation"):
+        read_stac(tmp_path)
+    (tmp_path / "c.json").write_text(json.dumps(DANISH))
+    assert len(read_stac(tmp_path).photos) == 1
+    (tmp_path / "d.json").write_text(json.dumps(DANISH)[:-9])
+    with pytest.raises(ProjectError, match="is no JSON") as told:
+        read_stac(tmp_path)
+    assert told.value.file.endswith("d.json")
+
+
 def test_a_block_without_crs_is_nowhere__truth(tmp_path: Path) -> None:
     with pytest.raises(CrsError, match="no CRS"):
         write_stac(tmp_path, ExchangeBlock())
