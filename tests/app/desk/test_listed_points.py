@@ -1,5 +1,6 @@
 """Lists at the desk: looked at, asked about, handed in as one decision."""
 
+import numpy as np
 import pytest
 
 from app.desk.listed_points import DeskPoints, reading_of
@@ -50,6 +51,18 @@ def test_what_is_asked_is_answered_and_then_handed_in__truth(points, handed):
     decision = handed[0].decision
     assert isinstance(decision, BringPoints)
     assert ([one.point_id for one in decision.points], decision.source) == (["G1"], "a.csv")
+
+
+def test_heights_off_the_dem_all_alike_are_asked_about__truth(tmp_path, handed):
+    level = Ground(lambda plan: np.full(len(plan), 205.7), 0.5)
+    points = DeskPoints(tiny_block().block, tmp_path, handed.append, level)
+    east, north = place()
+    data = listed(f"G1,{east},{north},250", f"G2,{east + 9},{north},250.2")
+    (asked,) = points.bring("s", "a.csv", data, {})["questions"]
+    assert asked["about"] == "height_system"
+    assert asked["words"].startswith("a.csv: heights of 2 points lie +44.4 m off the DEM")
+    answer = {asked["about"]: asked["choices"][0]["value"]}
+    assert points.bring("s", "a.csv", data, answer) == {"brought": 2}
 
 
 def test_a_known_point_is_given_back_to_be_corrected__truth(points, handed, tmp_path):
