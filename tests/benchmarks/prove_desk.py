@@ -117,7 +117,7 @@ async def opened_page(session: aiohttp.ClientSession, port: int, seat: str) -> P
     async with session.get(f"{root}/?token={TOKEN}") as answer:
         assert answer.status == 200
     page = Page(await session.ws_connect(f"{root}/desk/{seat}"), {})
-    await page.until(lambda parts: "queue" in parts and "status" in parts)
+    await page.until(lambda parts: "queue" in parts and "status" in parts and parts["rows"])
     return page
 
 
