@@ -100,7 +100,7 @@ def make_mosaic(
     edited = edited_seams(session)
     hand = ByHand(() if edited else standing_seam_edits(session.decisions()))
     wanted = (list(orthos), options, edited, *hand.if_any, *_looked_at(project))
-    inputs = products.digest_of("mosaic", 10, *wanted)
+    inputs = products.digest_of("mosaic", 11, *wanted)
     kept = None if anew else products.load_value("mosaic", products.digest_of(inputs, target))
     if kept is not None and seams.is_file():
         return kept
