@@ -402,47 +402,50 @@ def _shading(samples: _Samples, side: int, unknowns: Unknowns, photos: int) -> S
 
 
 def _misfits(samples: _Samples, unknowns: Unknowns, photos: int) -> Scalars:
-    """Corrected gray of the first photo less that of the second, by what gains make of noise."""
+    """Corrected gray of the first photo less that of the second, by the noise of both."""
     own = unknowns[: OF_PHOTO * photos].reshape(-1, OF_PHOTO)
     apart = np.zeros(samples.gray.shape[1])
     for side, sign in enumerate((1.0, -1.0)):
         photo, gray, place = samples.photo[side], samples.gray[side], samples.place[side]
         toned = own[photo, 0] * _shading(samples, side, unknowns, photos) * gray
         apart += sign * (toned + own[photo, 1] + (own[photo, 2:] * place).sum(1))
-    return apart / _noise_gains(samples, unknowns)
+    return apart / _noise_gains(samples, unknowns, photos)
 
 
 def _derivatives(samples: _Samples, unknowns: Unknowns, photos: int) -> sparse.csr_array:
     """Of the misfits, by all unknowns.
 
-    That gains enlarge noise is derived too: both photos have it, and gains would else shrink.
+    That the correction enlarges noise is derived too: both photos have noise, and gains would else
+    shrink.
     """
     count = samples.gray.shape[1]
     rows, columns, values = [], [], []
-    noise, misfits = _noise_gains(samples, unknowns), _misfits(samples, unknowns, photos)
+    noise, misfits = _noise_gains(samples, unknowns, photos), _misfits(samples, unknowns, photos)
     for side, sign in enumerate((1.0, -1.0)):
         photo, camera = samples.photo[side], samples.camera[side]
-        gray, place = samples.gray[side], samples.place[side]
-        gain = unknowns[OF_PHOTO * photo]
+        place, gain = samples.place[side], unknowns[OF_PHOTO * photo]
         shading = _shading(samples, side, unknowns, photos)
-        by_shape = (gain * gray)[:, None] * samples.shapes[side]
+        by_factor = sign * samples.gray[side] - misfits * gain * shading / (2 * noise)
+        by_shape = (gain * by_factor)[:, None] * samples.shapes[side]
         by_shape = np.where(camera[:, None] < 0, 0.0, by_shape)
         first = OF_PHOTO * photos + OF_CAMERA * np.maximum(camera, 0)
-        terms = [shading * gray, np.ones(count), place[:, 0], place[:, 1]]
+        terms = [shading * by_factor, np.full(count, sign), *(sign * place).T]
         for kind, term in enumerate(terms):
             rows.append(np.arange(count))
             columns.append(OF_PHOTO * photo + kind)
-            enlarged = misfits * gain / (2 * noise) if kind == 0 else 0.0
-            values.append((sign * term - enlarged) / noise)
+            values.append(term / noise)
         for kind in range(OF_CAMERA if len(unknowns) > OF_PHOTO * photos else 0):
             rows.append(np.arange(count))
             columns.append(first + kind)
-            values.append(sign * by_shape[:, kind] / noise)
+            values.append(by_shape[:, kind] / noise)
     placed = (np.concatenate(rows), np.concatenate(columns))
     return sparse.csr_array((np.concatenate(values), placed), shape=(count, len(unknowns)))
 
 
-def _noise_gains(samples: _Samples, unknowns: Unknowns) -> Scalars:
-    """What gains make of a sample's noise, 1 where both are 1."""
-    gains = unknowns[OF_PHOTO * samples.photo]
-    return np.hypot(gains[0], gains[1]) / np.sqrt(2)
+def _noise_gains(samples: _Samples, unknowns: Unknowns, photos: int) -> Scalars:
+    """What gains and shading make of a sample's noise, 1 where all are 1."""
+    factors = [
+        unknowns[OF_PHOTO * samples.photo[side]] * _shading(samples, side, unknowns, photos)
+        for side in (0, 1)
+    ]
+    return np.hypot(*factors) / np.sqrt(2)
