@@ -163,6 +163,16 @@ def test_what_photos_differ_by_does_not_add_up_over_a_block__truth(strips):
     assert found["p000"].slope == pytest.approx((-0.05 * np.sqrt(2), 0.0), abs=0.02)
 
 
+def test_noise_of_both_photos_makes_no_gain_shrink__law(strips, monkeypatch):
+    """Six gains ran from 0.49 to 1.73 where every sample counted."""
+    views, planes, _ = strips
+    monkeypatch.setattr(radiometry, "INDEPENDENT", 1e9)
+    few = {view.photo_id: planes[view.photo_id] for view in views[:6]}
+    gains = [balance.gain for balance in balance_orthos(views[:6], planes=few).values()]
+    assert min(gains) > 0.85
+    assert max(gains) < 1.15
+
+
 def test_equations_are_the_same_in_parts__law(strips, monkeypatch):
     views, planes, _ = strips
     few = {view.photo_id: planes[view.photo_id] for view in views[:10]}
