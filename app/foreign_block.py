@@ -162,8 +162,8 @@ def _refuse_elsewhere(project: Path, foreign: ExchangeBlock, stated: CRS) -> Non
         raise ProjectError(
             project,
             error.cause,
-            'Name the CRS it is in. A local frame is written out (--crs "+proj=tmerc +lat_0=… '
-            '+lon_0=… +datum=WGS84"), or the project is brought to a national CRS first.',
+            'Name the CRS it is in. For a local frame write one out (--crs "+proj=tmerc +lat_0=… '
+            '+lon_0=… +datum=WGS84"), or transform the project to a national CRS first.',
         ) from error
 
 

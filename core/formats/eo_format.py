@@ -69,8 +69,8 @@ def read_eo_block(
     if listed.perhaps_angles:
         raise ProjectError(
             path,
-            "The columns {names} hold numbers where angles would stand, and their names say "
-            "nothing of them.",
+            "Columns {names} hold numbers where angles usually stand, but their names do "
+            "not say so.",
             NAMED,
             names=", ".join(listed.perhaps_angles),
         )

@@ -98,7 +98,12 @@ def film_rays(block: ExchangeBlock) -> tuple[list[FilmRay], tuple[str, ...]]:
             )
         )
     if any(any(lens.radial) or any(lens.tangential) for lens in block.cameras.values()):
-        notes.append(say("Image coordinates are given as without lens distortion; it is left out."))
+        notes.append(
+            say(
+                "Image coordinates are written free of lens distortion; the distortion itself is "
+                "left out."
+            )
+        )
     return rays, tuple(notes)
 
 

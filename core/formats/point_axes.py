@@ -410,7 +410,8 @@ def asked_of_system(
         words = say(
             "{file}: the list says that its heights are ellipsoidal, and block.toml [block] "
             "heights does not say so of the block's. Ellipsoidal heights lie about 45 m above "
-            "normal heights in Czechia. If the block has others, bring the list to these first.",
+            "normal heights in Czechia. If the block has other heights, convert the list to them "
+            "first.",
             file=name,
         )
     if words is None:

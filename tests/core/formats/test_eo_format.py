@@ -16,7 +16,7 @@ def test_columns_that_may_be_angles_are_asked_about_and_others_named__truth(
 ) -> None:
     path = tmp_path / "eo.csv"
     path.write_text("scan,X,Y,Z,a,b,c\nS1,1,2,3,0.1,0.2,-3.4e0\n")
-    with pytest.raises(ProjectError, match="columns a, b, c hold numbers where angles") as told:
+    with pytest.raises(ProjectError, match="Columns a, b, c hold numbers where angles") as told:
         read_eo_block(path)
     assert "--answer columns=" in told.value.remedy
     heads = ("scan", "X", "Y", "Z", "omega_deg", "phi_deg", "kappa_deg")

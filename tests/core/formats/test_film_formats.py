@@ -55,7 +55,7 @@ def test_every_ray_comes_back__law(
     path, notes = written(one, block, tmp_path_factory.mktemp(one.name))
     assert "no file of the program itself" in notes[-1]
     bent = recipe[2] > 0 or recipe[3]
-    assert any("without lens distortion" in note for note in notes) == bent
+    assert any("free of lens distortion" in note for note in notes) == bent
     again = read_by(one, path)
     assert set(again.photos) == set(block.photos)
     for name, photo in block.photos.items():
