@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
+from scipy import sparse
 from scipy.special import chdtri
 
 from core.adjustment.adjusted import CheckResult
@@ -138,11 +139,12 @@ def _rms(values: Float64[np.ndarray, "..."]) -> float:
 class CheckPrediction:
     """What the adjustment says of one computed check point, in the standard deviations stated."""
 
-    by_unknowns: Float64[np.ndarray, "axes unknowns"]
-    """Its coordinates (E, N, and H where rays meet) by photos and cameras, metres per unit."""
+    by_unknowns: sparse.csr_array
+    """Its coordinates (E, N, and H where rays meet) by photos and cameras, metres per unit: of all
+    unknowns only few take part."""
     own: Float64[np.ndarray, "axes axes"]
     """Covariance that its own measurements bring, square metres."""
-    left: Float64[np.ndarray, "coordinates unknowns"]
+    left: sparse.csr_array
     """What its rays miss each other by, by photos and cameras; as many rows as coordinates."""
     redundancy: int
     """So many coordinates of its rays are more than the point needs."""
@@ -204,9 +206,9 @@ def _prediction(
         for (photo, camera), item in zip(shown, items, strict=True)
     ]
     return CheckPrediction(
-        by_unknowns,
+        sparse.csr_array(by_unknowns),
         inverse,
-        left=rows - design @ by_unknowns,
+        left=sparse.csr_array(rows - design @ by_unknowns),
         redundancy=len(design) - design.shape[1],
         misclosure=float(np.sum(np.square(misses))),
     )
@@ -222,7 +224,7 @@ def pointing_variance(
     rays miss each other by more than chance can explain do not count.
     """
     some = [one for one in predictions.values() if one.redundancy > 0]
-    brought = [float(np.sum(one.left * equations.cofactors(one.left).T)) for one in some]
+    brought = [np.trace(part) for part in equations.covariances([one.left for one in some])]
     excess = np.array(
         [
             (one.misclosure - scale**2 * part) / one.redundancy
@@ -252,8 +254,8 @@ def check_sigmas(
         pointing: As `pointing_variance` finds it.
     """
     sigmas: dict[str, Position] = {}
-    for name, one in predictions.items():
-        block = one.by_unknowns @ equations.cofactors(one.by_unknowns)
+    blocks = equations.covariances([one.by_unknowns for one in predictions.values()])
+    for (name, one), block in zip(predictions.items(), blocks, strict=True):
         covariance = scale**2 * block + pointing * one.own
         sigmas[name] = np.zeros(3)
         sigmas[name][: len(covariance)] = np.sqrt(np.diag(covariance))
@@ -277,7 +279,7 @@ def check_freedom(
     names = [name for name in predictions if name in independent]
     if not names:
         return 0.0
-    rows = np.concatenate([predictions[name].by_unknowns[:2] for name in names])
+    rows = sparse.vstack([predictions[name].by_unknowns[:2] for name in names]).toarray()
     total = scale**2 * rows @ equations.cofactors(rows)
     for place, name in enumerate(names):
         part = slice(2 * place, 2 * place + 2)

@@ -5,15 +5,17 @@ The ground at the nine von Gruber places of a photo is expressed by the same unk
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int
+from scipy import sparse
 
 from core.adjustment.factorisation import SIZE, backward3, solve_bordered_many
 from core.adjustment.linearised import by_scaled_camera, ray_models
 from core.adjustment.network import SMALLEST_SIGMA_PX, Network, State
 from core.adjustment.solution import Solution
-from core.arrays import Indices, Position
+from core.arrays import Indices, Matrix, Position
 from core.block import Measurement
 from core.geometry.collinearity import stacked_partials
 
@@ -21,6 +23,9 @@ Rows = Float64[np.ndarray, "rows unknowns"]
 """Observations as rows over the unknowns of the photos, in their order, and the shared ones."""
 Whitened = Float64[np.ndarray, "rows 3"]
 """Part of each row by its own point, that point's root taken off."""
+# design: a batch of 2,400 unknowns (400 photos) takes 10 MB.
+BATCH = 256
+"""Observations whose cofactors are held at once."""
 # design: just inside the frame, where photos are still measured.
 REACH = 0.9
 """Outer places, as a share of half the frame."""
@@ -66,17 +71,47 @@ class Equations:
         own = band.reshape(self.photos, SIZE, count)[place]
         return np.concatenate([own.reshape(SIZE * self.photos, count), shared])
 
+    def covariances(self, parts: Sequence[sparse.csr_array]) -> list[Matrix]:
+        """A Q A^T of the rows of each of many observations, some at a time."""
+        found = list[Matrix]()
+        for first in range(0, len(parts), BATCH):
+            some = parts[first : first + BATCH]
+            rows = sparse.vstack(some).toarray()
+            columns = self.cofactors(rows)
+            ends = np.cumsum([0, *(len(part.indptr) - 1 for part in some)]).tolist()
+            found += [rows[a:b] @ columns[:, a:b] for a, b in pairwise(ends)]
+        return found
+
     def of_rays(self, rays: Indices) -> tuple[Rows, Whitened]:
         """The two coordinates of each of some rays that take part."""
+        rows, whitened = self.sparse_rows(rays)
+        return rows.toarray(), whitened
+
+    def sparse_rows(self, rays: Indices) -> tuple[sparse.csr_array, Whitened]:
+        """The same of very many rays: of all unknowns each has a few photos and the shared ones."""
         lin, network, normals = self.solution.fit.lin, self.solution.network, self.solution.normals
-        rows = [np.zeros((0, self.unknowns))]
-        whitened = [np.zeros((0, 3))]
-        for ray in rays.tolist():
-            by_camera, photo = lin.by_camera[:, :, ray], int(network.rays.photo[ray])
-            own = self._own(photo, lin.by_photo[:, :, ray], by_camera)
-            whitened.append(normals.by_point[:, :, ray])
-            rows.append(self._through(own, int(network.rays.point[ray]), whitened[-1]))
-        return np.concatenate(rows), np.concatenate(whitened)
+        photo, point = network.rays.photo[rays], network.rays.point[rays]
+        each, shared = np.arange(len(rays)), SIZE * self.photos
+        whitened = np.moveaxis(normals.by_point[:, :, rays], 2, 0)
+        counts = self._starts[point + 1] - self._starts[point]
+        of_ray = np.repeat(each, counts)
+        firsts = np.repeat(self._starts[point] - np.cumsum(counts) + counts, counts)
+        beside = self._order[firsts + np.arange(len(of_ray))]
+        taken_up = whitened[of_ray] @ np.moveaxis(normals.photo_rays[:, beside], 0, 2)
+        by_shared = whitened @ np.moveaxis(normals.camera_points[:, point], 0, 2)
+        parts = [
+            (each, SIZE * photo, np.moveaxis(lin.by_photo[:, :, rays], 2, 0)),
+            (of_ray, SIZE * network.rays.photo[beside], -taken_up),
+            (each, np.full(len(rays), shared), -by_shared),
+        ]
+        if network.lensed:
+            first = shared + network.lens * network.camera[photo]
+            parts.append((each, first, np.moveaxis(lin.by_camera[:, :, rays], 2, 0)))
+        values, row, column = (
+            np.concatenate(told) for told in zip(*map(_entries, parts), strict=True)
+        )
+        size = (2 * len(rays), self.unknowns)
+        return sparse.csr_array((values, (row, column)), shape=size), whitened.reshape(-1, 3)
 
     def of_ground(self, point: int, axes: Sequence[int]) -> tuple[Rows, Whitened]:
         """Some known coordinates of a point."""
@@ -144,6 +179,16 @@ class Equations:
         return np.hstack([backward3(root, unit[:, None]) for unit in np.eye(3)])
 
 
+def _entries(
+    part: tuple[Indices, Indices, Float64[np.ndarray, "n 2 columns"]],
+) -> tuple[Float64[np.ndarray, "all"], Int[np.ndarray, "all"], Int[np.ndarray, "all"]]:
+    """Values, rows and columns of pairs of rows: number of the pair, first column, values."""
+    pair, first, values = part
+    row = np.broadcast_to(2 * pair[:, None, None] + np.arange(2)[:, None], values.shape)
+    column = np.broadcast_to(first[:, None, None] + np.arange(values.shape[2]), values.shape)
+    return values.ravel(), row.ravel(), column.ravel()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundShifts:
     """Derivatives of places on the ground (at their height) by the unknowns, metres."""
@@ -154,16 +199,24 @@ class GroundShifts:
     """By the scaled unknowns of its camera; empty when cameras are held."""
     camera_start: Float64[np.ndarray, "photos"]
     """First unknown of its camera among the shared ones."""
+    unknowns: int
+    """Number of all photos' and shared ones."""
+
+    def matrix(self) -> sparse.csr_array:
+        """Two rows (E, N) for every place, over all unknowns."""
+        photos, told = len(self.by_photo), self.by_camera.shape[3]
+        own = np.arange(SIZE * photos).reshape(photos, SIZE)
+        camera = SIZE * photos + self.camera_start.astype(np.int64)[:, None] + np.arange(told)
+        columns = np.hstack([own, camera])[:, None, None]
+        values = np.concatenate([self.by_photo, self.by_camera], axis=3)
+        ends = np.arange(0, values.size + 1, SIZE + told)
+        columns = np.broadcast_to(columns, values.shape)
+        shape = (2 * PLACES * photos, self.unknowns)
+        return sparse.csr_array((values.ravel(), columns.ravel(), ends), shape=shape)
 
     def of(self, steps: Steps) -> Float64[np.ndarray, "photos 9 2 steps"]:
         """Shifts (E, N) of every place, metres."""
-        photos, told = len(self.by_photo), self.by_camera.shape[3]
-        own = steps[: SIZE * photos].reshape(photos, 1, SIZE, -1)
-        moved = self.by_photo @ own
-        if told:
-            rows = self.camera_start.astype(np.int64)[:, None] + np.arange(told)
-            moved = moved + self.by_camera @ steps[SIZE * photos + rows][:, None]
-        return moved
+        return (self.matrix() @ steps).reshape(len(self.by_photo), PLACES, 2, -1)
 
     def largest(self, steps: Steps) -> Float64[np.ndarray, "steps"]:
         """Largest shift each step brings about, metres."""
@@ -228,4 +281,5 @@ def ground_shifts_of(network: Network, state: State) -> GroundShifts:
         moved.reshape(count, PLACES, 2, SIZE),
         by_camera.reshape(count, PLACES, 2, told),
         (network.camera * told).astype(np.float64),
+        SIZE * count + network.shared,
     )

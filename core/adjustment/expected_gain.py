@@ -15,7 +15,7 @@ over nine places of every photo, times the probability, is what its decision tak
 where errors are independent of each other.
 """
 
-from collections.abc import Sequence, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,8 +23,9 @@ from jaxtyping import Float64, Int
 from scipy import sparse
 from scipy.special import expit
 
-from core.adjustment.influence import BATCH, Influence, Key
-from core.arrays import Indices, Scalars
+from core.adjustment.equations import BATCH, PLACES
+from core.adjustment.influence import Influence, Key
+from core.arrays import Indices, Matrix, Scalars
 from core.block import HAND_SIGMA_PX, Measurement, SurveyedPoint, position_sigma_m
 
 # design: one in ten is what a reviewer expects of an automatic search; data outweigh it soon.
@@ -36,7 +37,7 @@ WRONG_SIGMAS = (3.0, 6.0, 12.0, 24.0, 48.0)
 """Standard deviations of wrong ones, in those of a good one, equally likely."""
 ROUNDS = 12  # design: probabilities settle in four or five.
 SETTLED = 1e-3  # design: no order of a queue depends on a thousandth.
-# design: one in fifty wrong bends nothing; 400 at once take 150 MB on a block of 400 photos.
+# design: one in fifty wrong bends nothing; 400 at once take 100 MB on a block of 400 photos.
 DOUBTED, MOST_DOUBTED = 0.02, 400
 """Measurements more likely wrong than this lose weight, the likeliest ones where there are many."""
 Pairs = Float64[np.ndarray, "n 2"]
@@ -62,8 +63,9 @@ class Gain:
 class _Control:
     """Control measurements as observations of photos and cameras, points eliminated.
 
-    Two rows a measurement. Their hat matrix is A Q A^T and, within a point, W W^T besides.
-    Cofactors Q A^T are found anew for those asked about: those of a large block fill the memory.
+    Two rows a measurement. Their hat matrix is A Q A^T and, within a point, W W^T besides. Of Q and
+    of what is made with it only those elements are kept whose two unknowns some row has together:
+    all of them would fill the memory of a large block.
     """
 
     influence: Influence
@@ -77,45 +79,96 @@ class _Control:
     """W."""
     residuals: Pairs
     """Computed minus measured, in standard deviations."""
+    together: sparse.csc_array
+    """Pattern of A^T A."""
 
     @staticmethod
     def of(influence: Influence) -> "_Control":
         network, rays = influence.solution.network, influence.control_rays
-        parts = [influence.equations.of_rays(rays[batch]) for batch in _batches(len(rays))]
-        empty = sparse.csr_array((0, influence.equations.unknowns))
+        rows, whitened = influence.equations.sparse_rows(rays)
         return _Control(
             influence,
             [network.measurements[row] for row in network.rays.measurement[rays].tolist()],
             network.rays.point[rays],
-            sparse.csr_array(
-                sparse.vstack([empty, *(sparse.csr_array(rows) for rows, _ in parts)])
-            ),
-            np.concatenate([np.zeros((0, 3)), *(whitened for _, whitened in parts)]),
+            rows,
+            whitened,
             influence.solution.fit.lin.residuals[:, rays].T,
+            sparse.csc_array(abs(rows).T @ abs(rows)),
         )
-
-    def columns(self, chosen: Indices) -> Float64[np.ndarray, "unknowns two_n"]:
-        """Q A^T of some measurements."""
-        rows = self.rows[(2 * chosen[:, None] + np.arange(2)).ravel()]
-        return self.influence.equations.cofactors(rows.toarray())
-
-    def hat(self, chosen: Indices) -> Float64[np.ndarray, "two_n rows"]:
-        """Rows of the hat matrix of some measurements."""
-        at = (2 * chosen[:, None] + np.arange(2)).ravel()
-        same = np.repeat(self.point[chosen], 2)[:, None] == np.repeat(self.point, 2)
-        hat = np.ascontiguousarray((self.rows @ self.columns(chosen)).T)
-        hat[same] += (self.whitened[at] @ self.whitened.T)[same]
-        return hat
 
     def own(self) -> Blocks:
         """The block of every measurement on the hat matrix's diagonal."""
         shared = self.whitened.reshape(-1, 2, 3)
-        blocks = shared @ np.swapaxes(shared, 1, 2)
-        for batch in _batches(len(blocks)):
-            rows = self.rows[2 * batch[0] : 2 * batch[-1] + 2].toarray()
-            pairs = self.columns(batch).reshape(-1, len(batch), 2)
-            blocks[batch] += rows.reshape(len(batch), 2, -1) @ np.moveaxis(pairs, 1, 0)
-        return blocks
+        return shared @ np.swapaxes(shared, 1, 2) + self._blocks(self._cofactors)
+
+    def ground(self) -> Blocks:
+        """Mean square shift of the ground by the errors of every measurement, square metres."""
+        equations, places = self.influence.equations, self.influence.ground
+        shifts = places.matrix() / np.sqrt(PLACES * len(places.by_photo))
+        squares = sparse.csr_array(shifts.T @ shifts)
+        return self._blocks(lambda some: equations.cofactors((squares @ self._cofactors(some)).T))
+
+    def with_less_weight(
+        self, doubted: Int[np.ndarray, "k"], down: Float64[np.ndarray, "k"]
+    ) -> tuple[Pairs, Blocks]:
+        """What residuals and the hat matrix's diagonal change by where some lose weight.
+
+        Measurements of their points share more with them than photos.
+        """
+        at = (2 * doubted[:, None] + np.arange(2)).ravel()
+        columns = self.influence.equations.cofactors(self.rows[at].toarray())
+        beside = np.flatnonzero(np.isin(self.point, self.point[doubted]))
+        hat = self._hat(doubted, beside, columns)
+        lost = np.repeat(down, 2)[:, None]
+        own = (2 * np.searchsorted(beside, doubted)[:, None] + np.arange(2)).ravel()
+        sides = [self.residuals[doubted].reshape(-1, 1), columns.T, hat]
+        solved = lost * np.linalg.solve(np.eye(len(at)) - hat[:, own] * lost.T, np.hstack(sides))
+        by_residuals, by_columns, by_hat = np.split(solved, [1, 1 + len(columns)], axis=1)
+        residuals = (self.rows @ (columns @ by_residuals)).reshape(-1, 2)
+        blocks = self._blocks(lambda some: columns @ by_columns[:, some])
+        pairs = hat.T.reshape(len(beside), 2, -1)
+        residuals[beside] = pairs @ by_residuals[:, 0]
+        blocks[beside] = pairs @ np.moveaxis(by_hat.reshape(len(at), -1, 2), 1, 0)
+        return residuals, blocks
+
+    def _hat(
+        self,
+        chosen: Int[np.ndarray, "n"],
+        others: Int[np.ndarray, "m"],
+        columns: Float64[np.ndarray, "unknowns two_n"],
+    ) -> Float64[np.ndarray, "two_n two_m"]:
+        """The hat matrix between some measurements and others, from Q A^T of the first."""
+        at, beside = ((2 * rows[:, None] + np.arange(2)).ravel() for rows in (chosen, others))
+        same = np.repeat(self.point[chosen], 2)[:, None] == np.repeat(self.point[others], 2)
+        hat = (self.rows[beside] @ columns).T
+        return hat + np.where(same, self.whitened[at] @ self.whitened[beside].T, 0.0)
+
+    def _cofactors(self, some: Indices) -> Float64[np.ndarray, "unknowns n"]:
+        """Some columns of Q."""
+        rows = np.zeros((len(some), self.influence.equations.unknowns))
+        rows[np.arange(len(some)), some] = 1.0
+        return self.influence.equations.cofactors(rows)
+
+    def _blocks(self, columns: Callable[[Indices], Matrix]) -> Blocks:
+        """A_i M A_i^T of every measurement i, from a function that gives some columns of M."""
+        known = self.together.copy()
+        for batch in _batches(len(known.indptr) - 1):
+            ends = known.indptr[batch[0] : batch[-1] + 2]
+            inside = slice(ends[0], ends[-1])
+            column = np.repeat(np.arange(len(batch)), np.diff(ends))
+            known.data[inside] = columns(batch)[known.indices[inside], column]
+        found = np.zeros((len(self.point), 2, 2))
+        photos = self.influence.solution.network.rays.photo[self.influence.control_rays]
+        # Measurements in one photo have few unknowns in all.
+        order = np.argsort(photos, kind="stable")
+        for batch in _batches(len(found)):
+            some = order[batch]
+            rows = self.rows[(2 * some[:, None] + np.arange(2)).ravel()]
+            unknowns = np.unique(rows.indices)
+            dense, inner = rows[:, unknowns].toarray(), known[unknowns][:, unknowns].toarray()
+            pairs, turned = (part.reshape(len(some), 2, -1) for part in (dense, dense @ inner))
+            found[some] = turned @ np.swapaxes(pairs, 1, 2)
+        return found
 
 
 def _batches(count: int) -> list[Indices]:
@@ -145,16 +198,15 @@ def expected_gains(influence: Influence, known_wrong: Set[Key] | None = None) ->
 
 def _gains(control: _Control, wrong: Scalars, errors: Pairs) -> dict[Key, Gain]:
     """Probabilities, and how far each error alone shifts the ground."""
-    found: dict[Key, Gain] = {}
-    for batch in _batches(len(wrong)):
-        pairs = control.columns(batch).reshape(-1, len(batch), 2)
-        moved = control.influence.ground.of(np.einsum("unk,nk->un", pairs, errors[batch]))
-        shifts = np.sqrt(2 * (moved**2).mean(axis=(0, 1, 2)))
-        for place, shift in zip(batch.tolist(), shifts.tolist(), strict=True):
-            item = control.measurements[place]
-            if item.status == "auto":
-                found[item.key] = Gain(float(wrong[place]), shift)
-    return found
+    squares = np.einsum("ni,nij,nj->n", errors, control.ground(), errors)
+    shifts = np.sqrt(np.maximum(squares, 0.0))
+    return {
+        item.key: Gain(one, shift)
+        for item, one, shift in zip(
+            control.measurements, wrong.tolist(), shifts.tolist(), strict=True
+        )
+        if item.status == "auto"
+    }
 
 
 def _judged(control: _Control, undecided: np.ndarray) -> tuple[np.ndarray, Pairs]:
@@ -185,16 +237,8 @@ def _predicted(
     now = control.residuals
     if len(doubted):
         weights[doubted] = 1 - down
-        hat = control.hat(doubted)
-        at = (2 * doubted[:, None] + np.arange(2)).ravel()
-        lost = np.repeat(down, 2)
-        # Only columns of what loses weight differ from those of the unit matrix.
-        inner = np.eye(len(at)) - hat[:, at] * lost
-        solved = np.linalg.solve(inner, np.column_stack([now[doubted].reshape(-1), hat]))
-        carried = hat.T * lost
-        now = now + (carried @ solved[:, 0]).reshape(-1, 2)
-        pairs = carried.reshape(len(own), 2, -1)
-        own = own + pairs @ np.moveaxis(solved[:, 1:].reshape(len(at), -1, 2), 1, 0)
+        changed, blocks = control.with_less_weight(doubted, down)
+        now, own = now + changed, own + blocks
     # design: a measurement that nothing checks has a hat of one.
     remaining = np.linalg.inv((1 + 1e-9) * np.eye(2) - weights[:, None, None] * own)
     return np.einsum("nij,nj->ni", remaining, now), np.eye(2) + own @ remaining

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
+from scipy import sparse
 
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.block_adjustment import one_thread
-from core.adjustment.equations import Equations, ground_shifts_of
+from core.adjustment.equations import BATCH, Equations, ground_shifts_of
 from core.adjustment.gauss_newton import Fit, initial_state
 from core.adjustment.linearised import linearise
 from core.adjustment.network import Network, State, network_of
@@ -28,9 +29,6 @@ from core.progress import SILENT, Progress
 
 Key = tuple[str, str]
 """Point and photo."""
-# design: a batch of 2,400 unknowns (400 photos) takes 10 MB.
-BATCH = 256
-"""Measurements whose cofactors are held at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,13 +182,8 @@ class Influence:
     ) -> list[Float64[np.ndarray, "n n"]]:
         """Share of each point's known coordinates in what the block says of them."""
         parts = [self.equations.of_ground(point, axes) for _, point, axes in points]
-        rows = np.concatenate([part[0] for part in parts])
-        columns = self.equations.cofactors(rows)
-        ends = np.cumsum([len(inner) for _, inner in parts])
-        return [
-            rows[end - len(inner) : end] @ columns[:, end - len(inner) : end] + inner @ inner.T
-            for end, (_, inner) in zip(ends.tolist(), parts, strict=True)
-        ]
+        blocks = self.equations.covariances([sparse.csr_array(rows) for rows, _ in parts])
+        return [block + inner @ inner.T for block, (_, inner) in zip(blocks, parts, strict=True)]
 
     def _free_axes(self, point: int, rays: int) -> tuple[int, ...]:
         """Known coordinates that can be left out without losing the point."""

@@ -98,7 +98,7 @@ def step_between(influence, solution):
     turns = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], axis=1)
     photos = np.hstack([other.centres - one.centres, turns])
     lens = (other.constants - one.constants)[:, : network.lens] * network.scale
-    return np.concatenate([photos.ravel(), lens.ravel()])[:, None]
+    return np.concatenate([photos.ravel(), lens.ravel()[: network.lensed]])[:, None]
 
 
 def test_a_report_gives_the_equations_it_was_made_with__law(flight):
