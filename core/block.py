@@ -371,11 +371,14 @@ class Block:
 
         In one photo at least the place is a hand's, or was looked at when it was accepted.
         """
-        seen = {item.point_id for item in self.measurements.values() if item.used and item.seen}
-        return frozenset(
+        own = {
             name
             for name, point in self.surveyed.items()
-            if point.role == "check" and point.source == "surveyed" and name in seen
+            if point.role == "check" and point.source == "surveyed"
+        }
+        measured = self.measurements.items() if own else ()
+        return frozenset(
+            name for (name, _), item in measured if name in own and item.used and item.seen
         )
 
     def with_fixed_origin(self) -> "Block":

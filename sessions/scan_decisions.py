@@ -257,6 +257,8 @@ def standing_masks(decisions: Sequence[Recorded]) -> tuple[DrawMask, ...]:
 def masks_of(drawn: Iterable[DrawMask], lying: Lying) -> dict[str, DrawnMask]:
     """The mask of every photo on which anything was drawn."""
     every = tuple(drawn)
+    if not every:
+        return {}
     masks = {
         name: drawn_mask(
             (

@@ -1,6 +1,7 @@
 """Doubts other than control: tie points that bend the block, photos, fiducials."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import isnan
 
 import numpy as np
 
@@ -100,6 +101,7 @@ class _Gathered:
 
     def __init__(self, state: DeskState, base: Block, dem: HeightSource) -> None:
         self.state, self.base, self.dem = state, base, dem
+        self.oriented = state.oriented
         self.points: dict[str, SurveyedPoint] = {}
         self.measurements: dict[Key, Measurement] = {}
         self.kinds: dict[str, Kind] = {}
@@ -123,7 +125,7 @@ class _Gathered:
         """Photos without an orientation, with a doubt, or with hardly any ties."""
         rays = _rays_by_photo(self.state.block)
         for name, photo in self.base.photos.items():
-            placed = self.state.oriented.photos.get(name, photo)
+            placed = self.oriented.photos.get(name, photo)
             few = bool(len(self.base.ties.point)) and rays.get(name, 0) < FEW_RAYS
             remark = doubts.get(name, "")
             if photo.oriented and not remark and not few and name not in said:
@@ -146,7 +148,8 @@ class _Gathered:
             now = self.state.block.photos.get(photo_id, photo)
             # Marks that were left out are only in the block before any decision.
             marks = {**_marks(photo.interior), **_marks(now.interior)}
-            limit = max(FIDUCIAL_SIGMAS * np.nan_to_num(now.interior.sigma_um), FIDUCIAL_UM)
+            sigma_um = now.interior.sigma_um
+            limit = max(0.0 if isnan(sigma_um) else FIDUCIAL_SIGMAS * sigma_um, FIDUCIAL_UM)
             for mark, (pixel, length) in marks.items():
                 use = said.get((photo_id, mark))
                 if use is None and length <= limit:
@@ -189,10 +192,10 @@ class _Gathered:
 
     def _ground(self, photo_id: str, pixels: np.ndarray) -> np.ndarray | None:
         """Where a ray meets the ground; None where it does not."""
-        photo: Photo | None = self.state.oriented.photos.get(photo_id)
+        photo: Photo | None = self.oriented.photos.get(photo_id)
         if photo is None:
             return None
-        drawn = DrawnPhoto(photo, self.state.oriented.camera_of(photo_id), 0)
+        drawn = DrawnPhoto(photo, self.oriented.camera_of(photo_id), 0)
         found = ground_from_pixel(pixels, drawn, self.dem, photo.ground_height_m)[0]
         return found if np.isfinite(found).all() else None
 

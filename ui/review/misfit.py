@@ -8,7 +8,7 @@ says, which leaves it out.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,8 @@ from ui.review.state import DeskState, Key
 
 STEPS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """A point and its neighbours a metre to the east and to the north."""
+ORDINARY = 3.0
+"""The ramp of sizes ends at about this many times the median misfit; few are larger."""
 Matrices = Float64[np.ndarray, "n 2 2"]
 
 
@@ -50,9 +52,10 @@ def misfits(
     """
     told = report or state.report
     block, oriented = state.block, told.block
-    alone = _alone(block)
+    wanted = tuple(block.measurements if keys is None else keys)
+    alone = _alone(block, {key[0] for key in wanted})
     by_photo: dict[str, list[tuple[Measurement, SurveyedPoint]]] = {}
-    for key in block.measurements if keys is None else keys:
+    for key in wanted:
         if key in alone:
             continue
         measurement, point = state.measurement_of(key), state.point_of(key[0])
@@ -87,13 +90,38 @@ def without_pull(misfit: Misfit, found: Contradiction) -> Misfit:
     )
 
 
-def _alone(block: Block) -> set[Key]:
-    """Measurements of new points that no other photo measures.
+def shown_misfits(state: DeskState, away: Mapping[Key, Misfit]) -> dict[Key, Misfit]:
+    """Misfits of measurements that take part or judge."""
+    measurements = state.block.measurements
+    return {
+        key: misfit
+        for key, misfit in away.items()
+        if key in measurements
+        and state.shown_state(measurements[key]) not in ("unused", "rejected")
+    }
+
+
+def ramp_top_m(state: DeskState, away: Mapping[Key, Misfit]) -> float:
+    """Where the ramp of sizes ends, 1, 2 or 5 of a power of ten, metres.
+
+    It hangs on the median, so that a few gross errors do not make all others alike.
+    """
+    sizes = [np.hypot(*one.metres) for one in shown_misfits(state, away).values()]
+    most = ORDINARY * float(np.median(sizes)) if sizes else 0.0
+    if most <= 0:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(most))
+    return float(min(step * power for step in (1, 2, 5, 10) if step * power >= most))
+
+
+def _alone(block: Block, names: Collection[str]) -> set[Key]:
+    """Measurements of some new points that no other photo measures.
 
     They place their point themselves, so that nothing is known of their misfit.
     """
+    known = block.surveyed
     rays: dict[str, list[Key]] = {
-        name: [] for name, point in block.surveyed.items() if point.role == "new"
+        name: [] for name in names if name in known and known[name].role == "new"
     }
     for key, item in block.measurements.items() if rays else ():
         if key[0] in rays and item.used:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -72,7 +73,6 @@ from ui.review.queue import (
     next_open,
     showing,
     sort_keys,
-    visible,
     with_filter,
 )
 from ui.review.snapshot import DeskSnapshot
@@ -183,7 +183,7 @@ def _judge_one(gesture: Judged, seat: Seat, desk: DeskSnapshot) -> Outcome:
     after = replace(seat, current=_next_open(seat, desk)) if here else seat
     rejected = verdict == "reject" and not stands and not extra
     after = replace(after.without_draft(key), explaining=(key,) if rejected else ())
-    last = here and desk.rows[key].state in UNDECIDED and not coming(desk.rows, seat)
+    last = here and desk.rows[key].state in UNDECIDED and not any(coming(desk.rows, seat))
     notice = Notice("notice.queue-done") if last else None
     if draft:
         decided = draft.decision
@@ -251,12 +251,14 @@ def _judge_together(gesture: JudgedTogether, seat: Seat, desk: DeskSnapshot) -> 
 
 def _next_open(seat: Seat, desk: DeskSnapshot, done: Sequence[Key] = ()) -> Key | None:
     """What is next that nobody has looked at, the same point's best view first; or simply next."""
-    rows = desk.rows
-    following = coming(rows, seat, {*desk.taken(seat.seat_id), *done}) or coming(rows, seat, done)
-    name = seat.current[0] if seat.current else ""
-    same = [key for key in following if key[0] == name and rows[key].state in WAITING]
-    following = by_view(desk.state.to_measure, same) or following
-    return following[0] if following else neighbour(visible(desk.rows, seat), seat, +1)
+    rows, left = desk.rows, {*desk.taken(seat.seat_id), *done}
+    if not any(coming(rows, seat, left)):
+        left = set(done)
+    beside = desk.table.by_point.get(seat.current[0], ()) if seat.current else ()
+    waiting = {key for key in beside if key in rows and rows[key].state in WAITING}
+    same = [key for key in coming(rows, seat, left) if key in waiting] if waiting else []
+    following = chain(by_view(desk.state.to_measure, same), coming(rows, seat, left))
+    return next(following, None) or neighbour(rows, seat, +1)
 
 
 def _explain(gesture: Explained, seat: Seat, desk: DeskSnapshot) -> Outcome:
@@ -486,7 +488,7 @@ def _moved(gesture: Gesture, seat: Seat, desk: DeskSnapshot) -> Seat:
             current = (
                 next_open(desk.rows, seat)
                 if undecided and step > 0
-                else neighbour(visible(desk.rows, seat), seat, step)
+                else neighbour(desk.rows, seat, step)
             )
             return replace(seat, current=current or seat.current)
         case Selected(key=key) if key in desk.rows:

@@ -54,15 +54,21 @@ class Pages:
 
     def changed_scene(self, seat: Seat, desk: DeskSnapshot) -> Scene | None:
         """What makes the picture of a seat's 3D scene; None where it is as it was shown last."""
-        state, misfits = desk.state, desk.table.figures.misfits
-        shown = desk.stale, desk.outlines, misfits, desk.tie_vectors
+        state, figures = desk.state, desk.table.figures
+        shown = desk.stale, desk.outlines, figures.misfits, desk.tie_vectors
         if not _are_same(self._scene_sources, (state.block, state.report, *shown)):
             self._scene_sources = (state.block, state.report, *shown)
             # Made by who draws it, once for all seats.
             stale, outlines, dem = desk.stale, desk.outlines, desk.dem
             self._scene = cache(
                 lambda: scene_picture(
-                    state, stale, outlines, dem, away=misfits, tied=desk.tie_vectors
+                    state,
+                    stale,
+                    outlines,
+                    dem,
+                    away=figures.misfits,
+                    top_m=figures.ramp_top_m,
+                    tied=desk.tie_vectors,
                 )
             )
         hidden, scene = blind_keys(state, seat), self._scene
@@ -100,8 +106,8 @@ def page_parts(seat: Seat, desk: DeskSnapshot) -> Iterator[tuple[str, Made]]:
             lambda: queue_part(seat, table.places, looked_at),
         ),
     )
-    misfits = table.figures.misfits
-    yield "scene", ((seat.scene, misfits, report), lambda: scene_part(seat, state, misfits))
+    top_m = table.figures.ramp_top_m
+    yield "scene", ((seat.scene, top_m, report), lambda: scene_part(seat, state, top_m))
     yield (
         "status",
         (
@@ -221,7 +227,7 @@ def seat_point(seat: Seat, desk: DeskSnapshot) -> Part:
 
 def _are_same(old: Sequence[object], new: Sequence[object]) -> bool:
     """True when nothing changed; large values are never looked into."""
-    small = (Seat, SceneOptions, tuple, str, int)
+    small = (Seat, SceneOptions, tuple, str, int, float)
     return len(old) == len(new) and all(
         one is other or (isinstance(other, small) and one == other)
         for one, other in zip(old, new, strict=True)

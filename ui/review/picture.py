@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,10 @@ from ui.review.compare import Drawn, HeightSource, Overlay, ground_from_pixel, o
 from ui.review.drafts import apply_draft, by_hand
 from ui.review.grounds import grounds_of
 from ui.review.looks import round_all, short
-from ui.review.misfit import Misfit, misfits, without_pull
+from ui.review.misfit import misfits, without_pull
 from ui.review.photo_points import letters_of, special_part
 from ui.review.queue import Row, coming
-from ui.review.scene import ground_level_m, ramp_top_m
+from ui.review.scene import ground_level_m
 from ui.review.second_reading import readings_part
 from ui.review.state import LAYERS, POINT_KINDS, DeskState, DoubtReason, Key, Notice, Remaking, Seat
 from ui.review.to_measure import by_view
@@ -77,7 +78,7 @@ def notice_part(notice: Notice) -> Part:
     }
 
 
-def scene_part(seat: Seat, state: DeskState, away: Mapping[Key, Misfit]) -> Part:
+def scene_part(seat: Seat, state: DeskState, top_m: float) -> Part:
     """The switches of the 3D scene, and what its legend and its scale bar are drawn from."""
     scene = seat.scene
     return {
@@ -89,7 +90,7 @@ def scene_part(seat: Seat, state: DeskState, away: Mapping[Key, Misfit]) -> Part
         "photo": scene.photo,
         "letters": letters_of(state.oriented),
         "inside": scene.inside,
-        "top": ramp_top_m(state, away),
+        "top": top_m,
         "level": short(ground_level_m(state.oriented), 1),
     }
 
@@ -380,7 +381,7 @@ def is_hidden(measurement: Measurement | None) -> bool:
 
 def _ahead(state: DeskState, seat: Seat, rows: Mapping[Key, Row], drawn: Drawn) -> Part:
     """Photo, version and place of what comes next, so that its pictures are there in time."""
-    ahead = [(key, state.point_of(key[0])) for key in coming(rows, seat)[:AHEAD]]
+    ahead = [(key, state.point_of(key[0])) for key in islice(coming(rows, seat), AHEAD)]
     return [
         [key[1], drawn[key[1]].version, *_places(point.position[:2])]
         for key, point in ahead

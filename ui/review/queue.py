@@ -1,8 +1,9 @@
 """The queue: one row per measurement with its doubts, sorted and filtered."""
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Any
 
 from core.adjustment.expected_gain import Gain
@@ -11,7 +12,7 @@ from core.quality.controllability import controllability, is_unchecked
 from ui.review.drafts import by_hand
 from ui.review.grounds import grounds_of
 from ui.review.looks import ShownState, short
-from ui.review.misfit import Misfit, misfits
+from ui.review.misfit import Misfit, misfits, ramp_top_m
 from ui.review.second_reading import readings_of
 from ui.review.state import (
     POINT_KINDS,
@@ -86,6 +87,8 @@ class QueueFigures:
     """How far the block puts an accepted measurement from where it is, metres."""
     worth: Mapping[Key, float] = field(default_factory=dict[Key, float])
     """What measuring a point in a photo where nobody did would bring, metres."""
+    ramp_top_m: float = 1.0
+    """Where the ramp of the misfits' sizes ends, metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,6 +175,8 @@ def changed_keys(before: DeskState, after: DeskState) -> set[Key] | None:
         and (known is None or known.role != point.role)
     }
     photos = {photo_id for name, photo_id in changed if after.extra.kinds.get(name) == "photo"}
+    if not turned and not photos:
+        return changed
     return changed | {key for key in other.measurements if key[0] in turned or key[1] in photos}
 
 
@@ -192,9 +197,10 @@ def queue_figures(state: DeskState) -> QueueFigures:
     """Misfits and controllability of all measurements of a state."""
     keys = (*state.block.measurements, *state.extra.measurements, *state.to_measure.proposals)
     disputed = {one.key: one.metres for one in state.report.contradictions}
+    away = misfits(state, keys)
     return QueueFigures(
-        misfits(state, keys), controllability(state.report), state.evidence.gains, disputed,
-        worth_of_rows(state),
+        away, controllability(state.report), state.evidence.gains, disputed, worth_of_rows(state),
+        ramp_top_m(state, away),
     )  # fmt: skip
 
 
@@ -244,18 +250,22 @@ def sort_keys(rows: Iterable[Row], sorting: Sorting) -> tuple[Key, ...]:
 
 def visible(rows: Mapping[Key, Row], seat: Seat) -> tuple[Key, ...]:
     """Keys the seat's queue shows, in its own order."""
-    return tuple(key for key in seat.order if key in rows and passes(rows[key], seat.filter))
+    return tuple(_shown(rows, seat, seat.order))
 
 
 def passes(row: Row, wanted: QueueFilter) -> bool:
     """True when a filter lets a row through."""
-    if wanted.photo_id and wanted.photo_id != row.key[1]:
-        return False
-    if not wanted.is_named(row.key[0]) or not wanted.is_within(row.place):
+    if not _is_in(row, wanted.state) or (wanted.photo_id and wanted.photo_id != row.key[1]):
         return False
     if row.role != wanted.role if wanted.role else row.role not in POINT_KINDS:
         return False
-    match wanted.state:
+    named = not wanted.text or wanted.is_named(row.key[0])
+    return named and (not wanted.area or wanted.is_within(row.place))
+
+
+def _is_in(row: Row, wanted: StateFilter) -> bool:
+    """True for a row of one state, or of any."""
+    match wanted:
         case "all":
             return True
         case "open":
@@ -269,28 +279,47 @@ def passes(row: Row, wanted: QueueFilter) -> bool:
         case "disputed":
             return not math.isnan(row.disputed_m)
         case _:
-            return row.state == wanted.state
+            return row.state == wanted
 
 
-def neighbour(shown: tuple[Key, ...], seat: Seat, step: int) -> Key | None:
-    """The next (+1) or previous (-1) key from the seat's current one; stays at the ends."""
-    if not shown:
-        return None
-    if seat.current in shown:
-        place = shown.index(seat.current) + step
-        return shown[min(max(place, 0), len(shown) - 1)]
-    after = {key: number for number, key in enumerate(seat.order)}
-    here = after.get(seat.current, -1) if seat.current else -1
-    if step > 0:
-        return next((key for key in shown if after[key] > here), shown[-1])
-    return next((key for key in reversed(shown) if after[key] < here), shown[0])
+def neighbour(
+    rows: Mapping[Key, Row], seat: Seat, step: int, *, undecided: bool = False
+) -> Key | None:
+    """The next (+1) or previous (-1) key of the queue from the current one; stays at the ends.
+
+    Args:
+        rows: All rows.
+        seat: The seat.
+        step: Which way.
+        undecided: Only what nobody has decided.
+    """
+    here = _place(seat)
+    before, after = reversed(seat.order[: max(here, 0)]), iter(seat.order[here + 1 :])
+    # Behind the last one nothing comes: then it is the last one.
+    turned = chain(after, reversed(seat.order)) if step > 0 else chain(before, iter(seat.order))
+    return next(_shown(rows, seat, turned, undecided=undecided), None)
 
 
 def next_open(rows: Mapping[Key, Row], seat: Seat) -> Key | None:
     """The next undecided key of the queue; simply the next one where all of it is decided."""
-    shown = visible(rows, seat)
-    undecided = tuple(key for key in shown if rows[key].state in UNDECIDED)
-    return neighbour(undecided or shown, seat, 1)
+    return neighbour(rows, seat, 1, undecided=True) or neighbour(rows, seat, 1)
+
+
+def _shown(
+    rows: Mapping[Key, Row], seat: Seat, keys: Iterable[Key], *, undecided: bool = False
+) -> Iterator[Key]:
+    """Those of some keys that the seat's queue shows, as they are asked for."""
+    for key in keys:
+        row = rows.get(key)
+        if row is None or (undecided and row.state not in UNDECIDED):
+            continue
+        if passes(row, seat.filter):
+            yield key
+
+
+def _place(seat: Seat) -> int:
+    """Where the current key stands in the queue's order; -1 where it does not."""
+    return seat.order.index(seat.current) if seat.current in seat.order else -1
 
 
 def with_filter(seat: Seat, rows: Mapping[Key, Row], wanted: QueueFilter) -> Seat:
@@ -314,7 +343,7 @@ def with_filter(seat: Seat, rows: Mapping[Key, Row], wanted: QueueFilter) -> Sea
     if worst_first:
         there = next(iter(shown), there)
     if there not in shown:
-        beside = neighbour(shown, replace(seat, current=there), 1)
+        beside = neighbour(rows, replace(seat, current=there), 1)
         there = seat.current if seat.current in shown else beside
     return replace(seat, current=there)
 
@@ -336,15 +365,15 @@ def showing(seat: Seat, rows: Mapping[Key, Row], key: Key) -> Seat:
     return replace(seat, current=key)
 
 
-def coming(rows: Mapping[Key, Row], seat: Seat, taken: Collection[Key] = ()) -> tuple[Key, ...]:
+def coming(rows: Mapping[Key, Row], seat: Seat, taken: Collection[Key] = ()) -> Iterator[Key]:
     """Measurements of the queue nobody has looked at: those behind the current one, then before.
 
     Those that others are looking at are left to them.
     """
-    shown = visible(rows, seat)
-    here = shown.index(seat.current) if seat.current in shown else -1
-    turned = (*shown[here + 1 :], *shown[: max(here, 0)])
-    return tuple(key for key in turned if rows[key].state in UNDECIDED and key not in taken)
+    here = _place(seat)
+    turned = chain(seat.order[here + 1 :], seat.order[: max(here, 0)])
+    shown = _shown(rows, seat, turned, undecided=True)
+    return (key for key in shown if key not in taken)
 
 
 def seat_down(seat: Seat, rows: Mapping[Key, Row], taken: Collection[Key] = ()) -> Seat:

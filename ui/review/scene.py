@@ -17,7 +17,7 @@ from core.geometry.camera import Camera
 from core.quality.residuals import CELLS, area_counts
 from ui.review.compare import Drawn, DrawnPhoto, HeightSource, ground_from_pixel
 from ui.review.looks import LOOKS, ShownState
-from ui.review.misfit import Misfit, misfits
+from ui.review.misfit import Misfit, misfits, ramp_top_m, shown_misfits
 from ui.review.photo_points import special_grounds
 from ui.review.state import DeskState, Key
 
@@ -31,8 +31,6 @@ EDGE_PARTS = 12
 """Parts of each edge of a footprint, so that it follows the terrain."""
 VECTOR_SHARE = 0.03
 """A misfit of ordinary size is drawn at most as long as this share of the block."""
-ORDINARY = 3.0
-"""The ramp of sizes ends at about this many times the median misfit; few are larger."""
 ELLIPSE_PARTS = 24
 """Lines of one error ellipse."""
 AREA_SHARE = 0.86
@@ -150,6 +148,7 @@ def scene_picture(
     dem: HeightSource,
     *,
     away: Mapping[Key, Misfit] | None = None,
+    top_m: float | None = None,
     tied: Segments | None = None,
 ) -> ScenePicture:
     """The scene of a state.
@@ -160,6 +159,7 @@ def scene_picture(
         outlines: What `footprints` says.
         dem: Heights of the ground.
         away: Misfits, where they are known already.
+        top_m: Where their ramp ends, where that is known already.
         tied: What `tie_vectors` says, where that is known already.
     """
     oriented, origin = state.oriented, state.block.origin
@@ -185,7 +185,7 @@ def scene_picture(
         checks=_cloud(state.block, checks),
         vectors=vectors,
         vector_keys=tuple(keys),
-        vectors_top_m=ramp_top_m(state, away),
+        vectors_top_m=ramp_top_m(state, away) if top_m is None else top_m,
         ellipses=_cloud(state.block, adjusted),
         half_axes=np.array([sigma[:2] for sigma in adjusted.values()]).reshape(-1, 2),
         areas=cache(lambda: gruber_areas(state.report, oriented, dem)),
@@ -282,36 +282,11 @@ def misfit_vectors(
     state: DeskState, away: Mapping[Key, Misfit] | None = None
 ) -> tuple[list[Key], Segments]:
     """Misfits of all measurements that take part or judge, as displacements on the ground."""
-    shown = _shown_misfits(state, misfits(state) if away is None else away)
-    segments: list[np.ndarray] = []
-    for key, misfit in shown.items():
-        start = state.block.surveyed[key[0]].position - state.block.origin
-        segments.append(np.array([start, start + np.array([*misfit.metres, 0.0])]))
-    return list(shown), np.array(segments).reshape(-1, 2, 3)
-
-
-def _shown_misfits(state: DeskState, away: Mapping[Key, Misfit]) -> dict[Key, Misfit]:
-    """Misfits of measurements that take part or judge."""
-    measurements = state.block.measurements
-    return {
-        key: misfit
-        for key, misfit in away.items()
-        if key in measurements
-        and state.shown_state(measurements[key]) not in ("unused", "rejected")
-    }
-
-
-def ramp_top_m(state: DeskState, away: Mapping[Key, Misfit]) -> float:
-    """Where the ramp of sizes ends, 1, 2 or 5 of a power of ten, metres.
-
-    It hangs on the median, so that a few gross errors do not make all others alike.
-    """
-    sizes = [np.hypot(*one.metres) for one in _shown_misfits(state, away).values()]
-    most = ORDINARY * float(np.median(sizes)) if sizes else 0.0
-    if most <= 0:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(most))
-    return float(min(step * power for step in (1, 2, 5, 10) if step * power >= most))
+    shown = shown_misfits(state, misfits(state) if away is None else away)
+    positions = np.array([state.block.surveyed[key[0]].position for key in shown]).reshape(-1, 3)
+    metres = np.array([(*misfit.metres, 0.0) for misfit in shown.values()]).reshape(-1, 3)
+    starts = positions - state.block.origin
+    return list(shown), np.stack([starts, starts + metres], axis=1)
 
 
 def ellipse_lines(middles: Points, half_axes: Float64[np.ndarray, "n 2"], scale: float) -> Segments:

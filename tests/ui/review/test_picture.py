@@ -41,7 +41,7 @@ def test_every_part_can_be_sent__law(state):
     parts = [
         table.lines,
         queue_part(seat, table.places),
-        scene_part(seat, state, {}),
+        scene_part(seat, state, 1.0),
         status_part(state, rows, (), seat),
         point_part(state, seat, rows, Pictured(drawn, dem)),
     ]

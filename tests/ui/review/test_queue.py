@@ -241,16 +241,31 @@ def test_what_is_disputed_stands_by_sigmas_and_opens_on_the_worst__truth(desk, s
 
 
 def test_what_comes_next_is_open_and_nobody_elses__law(desk, seat):
-    ahead = coming(desk.rows, seat)
+    ahead = list(coming(desk.rows, seat))
     assert all(desk.rows[key].state == "auto" for key in ahead)
     assert ahead[0] not in coming(desk.rows, seat, {ahead[0]})
 
 
 def test_steps_end_at_the_ends__law(desk, seat):
     shown = visible(desk.rows, seat)
-    assert neighbour(shown, replace(seat, current=shown[-1]), 1) == shown[-1]
-    assert neighbour(shown, replace(seat, current=shown[0]), -1) == shown[0]
-    assert neighbour((), seat, 1) is None
+    assert neighbour(desk.rows, replace(seat, current=shown[-1]), 1) == shown[-1]
+    assert neighbour(desk.rows, replace(seat, current=shown[0]), -1) == shown[0]
+    assert neighbour({}, seat, 1) is None
+
+
+def test_steps_are_those_of_the_shown_queue__oracle(desk, seat):
+    """Also from what the filter hides, and from nowhere."""
+    decided = {key: replace(desk.rows[key], state="accepted") for key in seat.order[::3]}
+    rows = {**desk.rows, **decided}
+    shown = visible(rows, seat)
+    assert len(shown) < len(seat.order)
+    for here, key in enumerate((None, *seat.order), start=-1):
+        after = [one for one in shown if seat.order.index(one) > here]
+        before = [one for one in shown if seat.order.index(one) < here]
+        at = replace(seat, current=key)
+        assert neighbour(rows, at, 1) == (after or shown[-1:])[0]
+        assert neighbour(rows, at, -1) == (before[-1:] or shown[:1])[0]
+        assert tuple(coming(rows, at)) == (*after, *before)
 
 
 def test_a_large_misfit_and_a_low_score_are_named_as_reasons__truth(desk):

@@ -7,14 +7,13 @@ import pytest
 
 from core.frames import object_from_local
 from tests.ui.desk_block import outlines, tiny_block, tiny_snapshot
-from ui.review.misfit import misfits
+from ui.review.misfit import misfits, ramp_top_m
 from ui.review.scene import (
     area_lines,
     ellipse_lines,
     exaggerate_heights,
     misfit_vectors,
     point_states,
-    ramp_top_m,
     readable_scale,
     scene_picture,
     short_names,
