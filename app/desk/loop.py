@@ -112,7 +112,6 @@ class ReviewLoop:
         self._now = replace(
             now,
             state=state,
-            table=now.table.renewed(state),
             stale=stale_photos(state, self._inputs.stale_m),
             outlines=self._footprints.of(now.drawn, state.oriented.origin),
             tie_vectors=tie_vectors(state),
@@ -492,9 +491,9 @@ class ReviewLoop:
         self._now = replace(self._now, state=replace(self._now.state, **changes))
 
     def _seat(self, seat_id: str) -> Seat:
-        if seat_id not in self._now.seats:
-            scene = SceneOptions(vector_scale=readable_scale(self._now.state))
-            fresh = Seat(seat_id, self._inputs.operator, scene=scene)
-            seated = seat_down(fresh, self._now.rows, self._now.taken(seat_id))
-            self._now = self._now.with_seat(seated)
+        now = self._now
+        if seat_id not in now.seats:
+            scale = readable_scale(now.state, now.table.figures.misfits)
+            fresh = Seat(seat_id, self._inputs.operator, scene=SceneOptions(vector_scale=scale))
+            self._now = now.with_seat(seat_down(fresh, now.rows, now.taken(seat_id)))
         return self._now.seats[seat_id]

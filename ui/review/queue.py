@@ -123,7 +123,7 @@ class QueueTable:
     def with_changes(self, before: DeskState, after: DeskState) -> "QueueTable":
         """After a decision, in the same adjustment: only the rows that it was about."""
         keys = changed_keys(before, after)
-        if keys is None or not keys <= self.rows.keys():
+        if not self.rows or keys is None or not keys <= self.rows.keys():
             return self.renewed(after)
         fresh = {**self.figures.misfits, **misfits(after, keys)}
         figures = replace(self.figures, misfits=fresh)

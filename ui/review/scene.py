@@ -404,9 +404,9 @@ def _ground_from_pixel(block: Block, photo_id: str) -> np.ndarray:
     return (ground[1:] - ground[0]).T
 
 
-def readable_scale(state: DeskState) -> float:
+def readable_scale(state: DeskState, away: Mapping[Key, Misfit] | None = None) -> float:
     """How many times longer than on the ground vectors must be drawn to be seen: 1, 2 or 5 tens."""
-    _, vectors = misfit_vectors(state)
+    _, vectors = misfit_vectors(state, away)
     if not len(vectors):
         return 1.0
     lengths = np.linalg.norm(vectors[:, 1] - vectors[:, 0], axis=1)
