@@ -25,7 +25,7 @@ from app.settings import Settings
 from app.terminal import JsonLines, Voice, interruptible
 from core.errors import PhotogrammetryError, ProjectError
 from core.formats.records import guarded, plain_bytes
-from core.heap import share_one_heap
+from core.heap import share_heaps
 from core.said import say
 from sessions.atomic_write import whole_file
 from sessions.codec import from_json
@@ -441,6 +441,6 @@ def run_silently(task: BlockTask) -> str:
     Returns:
         Why it made no orthos, mosaic and report; empty where nothing was in the way.
     """
-    share_one_heap()
+    share_heaps()
     options = RunOptions(task.first or None, task.until or None, 1, task.language)
     return run_block(task.block, JsonLines(io.StringIO()), options).ended_early

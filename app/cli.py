@@ -21,7 +21,7 @@ from app.arguments import VERBS, add_language, add_log, wrong_use
 from app.terminal import JsonLines, Terminal, Voice
 from app.usage import Parser, Verbs, asked_language, asked_verb, teller_of_usage
 from core.errors import Cancelled, PhotogrammetryError
-from core.heap import share_one_heap
+from core.heap import share_heaps
 from ui.words.catalogue import LANGUAGES
 
 DONE, UNUSABLE, CANCELLED = 0, 1, 130
@@ -47,7 +47,7 @@ def program() -> None:
 
     After Ctrl-C it does not wait for threads that still compute: nothing they do is kept.
     """
-    share_one_heap()
+    share_heaps()
     code = main()
     sys.stdout.flush()
     sys.stderr.flush()

@@ -35,7 +35,7 @@ from sessions.session import Session
 from tests.benchmarks.large_desk import Size, large_block, say, say_row
 from tests.ui.desk_block import desk_inputs
 from ui.review.compare import made_with
-from ui.review.queue import queue_rows
+from ui.review.rows import queue_rows
 from ui.review.state import DeskState
 from ui.review.trial import largest_shift, trial_of, turn_measurement
 

@@ -1,4 +1,4 @@
-"""Threads take memory from one heap."""
+"""Threads take memory from the same heaps."""
 
 import subprocess
 import sys
@@ -7,10 +7,10 @@ import pytest
 
 PROGRAM = """
 import ctypes, sys, threading
-from core.heap import share_one_heap
+from core.heap import share_heaps
 
-if sys.argv[1] == "one":
-    share_one_heap()
+if sys.argv[1] == "shared":
+    share_heaps()
 all_hold = threading.Barrier(5)
 
 
@@ -31,8 +31,8 @@ system.fflush(out)
 """
 
 
-@pytest.mark.parametrize(("heaps", "told"), [("one", 1), ("many", 5)])
-def test_threads_share_a_heap_only_when_told__oracle(heaps, told):
+@pytest.mark.parametrize(("heaps", "told"), [("shared", 2), ("own", 5)])
+def test_threads_share_heaps_once_told__oracle(heaps, told):
     """As the allocator itself tells it."""
     ended = subprocess.run(
         [sys.executable, "-c", PROGRAM, heaps], capture_output=True, text=True, check=True

@@ -26,7 +26,7 @@ from sessions.checks import results_digest
 from sessions.session import Session
 from tests.ui.desk_landscape import EXTENT_M, NORTH, WEST, ArrayDem, Landscape, landscape
 from ui.review.compare import drawn_from_block, made_with
-from ui.review.queue import NO_ROWS
+from ui.review.rows import NO_ROWS
 from ui.review.scene import Footprints, Segments
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState

@@ -12,7 +12,7 @@ from sessions.checks import results_digest
 from tests.ui.desk_block import CAMERA, OPTIONS, adjust, desk_inputs, tiny_block, true_photos
 from tests.ui.desk_landscape import EXTENT_M, NORTH, WEST
 from ui.review.compare import drawn_from_block, made_with
-from ui.review.queue import NO_ROWS
+from ui.review.rows import NO_ROWS
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import DeskState
 from ui.review.to_measure import with_predictions

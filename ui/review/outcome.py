@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -66,15 +66,7 @@ from ui.review.history import asked_back, own_rejections
 from ui.review.mark_gestures import MarkDropped, MarkGesture, MarkJudged, MarkPlaced
 from ui.review.new_points import begun
 from ui.review.picture import Part
-from ui.review.queue import (
-    UNDECIDED,
-    coming,
-    neighbour,
-    next_open,
-    showing,
-    sort_keys,
-    with_filter,
-)
+from ui.review.queue import UNDECIDED, coming, neighbour, next_open, showing, sort_keys, with_filter
 from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Draft, Key, Notice, Seat
 from ui.review.to_measure import WAITING, by_view
@@ -252,13 +244,12 @@ def _judge_together(gesture: JudgedTogether, seat: Seat, desk: DeskSnapshot) -> 
 def _next_open(seat: Seat, desk: DeskSnapshot, done: Sequence[Key] = ()) -> Key | None:
     """What is next that nobody has looked at, the same point's best view first; or simply next."""
     rows, left = desk.rows, {*desk.taken(seat.seat_id), *done}
-    if not any(coming(rows, seat, left)):
-        left = set(done)
+    left = left if any(coming(rows, seat, left)) else set(done)
     beside = desk.table.by_point.get(seat.current[0], ()) if seat.current else ()
     waiting = {key for key in beside if key in rows and rows[key].state in WAITING}
     same = [key for key in coming(rows, seat, left) if key in waiting] if waiting else []
-    following = chain(by_view(desk.state.to_measure, same), coming(rows, seat, left))
-    return next(following, None) or neighbour(rows, seat, +1)
+    following = (*by_view(desk.state.to_measure, same), *islice(coming(rows, seat, left), 1))
+    return following[0] if following else neighbour(rows, seat, +1)
 
 
 def _explain(gesture: Explained, seat: Seat, desk: DeskSnapshot) -> Outcome:

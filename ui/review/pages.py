@@ -21,7 +21,7 @@ from ui.review.picture import (
 )
 from ui.review.placement import placement_part
 from ui.review.quality import quality_part
-from ui.review.queue import queue_row
+from ui.review.rows import queue_row
 from ui.review.scene import ScenePicture, scene_picture
 from ui.review.second_reading import blind_keys, blinded, is_blind, without_places
 from ui.review.sheet_samples import sheets_part

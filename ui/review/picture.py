@@ -19,7 +19,8 @@ from ui.review.grounds import grounds_of
 from ui.review.looks import round_all, short
 from ui.review.misfit import misfits, without_pull
 from ui.review.photo_points import letters_of, special_part
-from ui.review.queue import Row, coming
+from ui.review.queue import coming
+from ui.review.rows import Row
 from ui.review.scene import ground_level_m
 from ui.review.second_reading import readings_part
 from ui.review.state import LAYERS, POINT_KINDS, DeskState, DoubtReason, Key, Notice, Remaking, Seat

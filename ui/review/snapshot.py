@@ -13,7 +13,8 @@ from sessions.decisions import Decision, Recorded
 from sessions.replay import replay
 from ui.review.compare import Drawn, HeightSource
 from ui.review.history import AdjustmentRecord
-from ui.review.queue import NO_ROWS, QueueTable, Row, keep_seat_up
+from ui.review.queue import keep_seat_up
+from ui.review.rows import NO_ROWS, QueueTable, Row
 from ui.review.scene import Segments
 from ui.review.state import NOTHING_INITIAL, DeskState, Draft, InitialState, Key, Seat
 from ui.review.trial import Trial

@@ -10,7 +10,7 @@ from core.doubts import Doubt
 from sessions.decisions import JudgeFiducial, JudgePhoto, JudgeTie, Recorded
 from tests.ui.desk_block import adjust, tiny_block, tiny_snapshot
 from ui.review.doubtful import extra_of, key_of_verdict, verdict_on, worst_ties
-from ui.review.queue import queue_figures, queue_row
+from ui.review.rows import queue_figures, queue_row
 from ui.review.state import DeskState
 
 

@@ -17,7 +17,8 @@ from ui.review.compare import (
     made_with,
 )
 from ui.review.picture import Pictured, point_part, queue_part, scene_part, status_part
-from ui.review.queue import NO_ROWS, seat_down
+from ui.review.queue import seat_down
+from ui.review.rows import NO_ROWS
 from ui.review.scene import scene_picture
 from ui.review.state import DeskState, Draft, Seat
 from ui.review.trial import Trial

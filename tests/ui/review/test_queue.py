@@ -15,21 +15,19 @@ from tests.ui.desk_block import tiny_block, tiny_snapshot
 from ui.review.compare import made_with
 from ui.review.misfit import Misfit, misfits
 from ui.review.queue import (
-    NO_ROWS,
     coming,
     keep_seat_up,
     neighbour,
     passes,
-    queue_row,
-    row_line,
     seat_down,
     showing,
     sort_keys,
     visible,
     with_filter,
 )
+from ui.review.rows import NO_ROWS, queue_row, row_line
 from ui.review.snapshot import DeskSnapshot
-from ui.review.state import POINT_KINDS, DeskState, Draft, Extra, QueueFilter, Seat, Sorting
+from ui.review.state import POINT_KINDS, DeskState, Draft, QueueFilter, Seat, Sorting
 from ui.review.trial import TrialWork
 
 
@@ -79,36 +77,6 @@ def test_when_a_point_vanishes_the_one_beside_it_is_shown__law(desk, seat):
     gone, beside = seat.order[4], seat.order[5]
     rows = {key: row for key, row in desk.rows.items() if key != gone}
     assert keep_seat_up(replace(seat, current=gone), rows).current == beside
-
-
-def test_a_decision_changes_its_row_only_as_if_all_were_made_anew__law(desk, seat):
-    rejected = replace(desk.state.block.measurements[seat.current], status="rejected")
-    after = replace(desk.state, block=desk.state.block.with_measurement(rejected))
-    quick, whole = desk.table.with_changes(desk.state, after), desk.table.renewed(after)
-    assert quick.lines == whole.lines
-    changed = [old is not new for old, new in zip(desk.table.lines, quick.lines, strict=True)]
-    assert sum(changed) == 1
-    assert quick.rows[seat.current].human
-
-
-def test_a_rejected_photo_changes_the_rows_of_what_is_measured_in_it__law(desk, seat):
-    key = next(one for one, row in desk.rows.items() if row.state == "auto" and row.gain > 0)
-    name, item = f"photo {key[1]}", desk.state.block.measurements[key]
-    point, photo = desk.state.block.surveyed[key[0]], replace(item, point_id=name)
-    doubtful = Extra({name: point}, {photo.key: photo}, {name: "photo"})
-    before = replace(desk.state, extra=doubtful)
-    rejected = {photo.key: replace(photo, status="rejected")}
-    after = replace(before, extra=replace(doubtful, measurements=rejected))
-    quick, whole = desk.table.renewed(before).with_changes(before, after), desk.table.renewed(after)
-    assert quick.lines == whole.lines
-    assert (quick.rows[key].state, quick.rows[key].gain) == ("unused", 0.0)
-
-
-def test_rows_that_went_are_gone__law(desk):
-    gone = next(iter(desk.state.block.measurements))
-    left = {k: m for k, m in desk.state.block.measurements.items() if k != gone}
-    after = replace(desk.state, block=replace(desk.state.block, measurements=left))
-    assert gone not in desk.table.with_changes(desk.state, after).rows
 
 
 def test_rows_without_a_figure_come_last_either_way__law(desk):
@@ -266,30 +234,6 @@ def test_steps_are_those_of_the_shown_queue__oracle(desk, seat):
         assert neighbour(rows, at, 1) == (after or shown[-1:])[0]
         assert neighbour(rows, at, -1) == (before[-1:] or shown[:1])[0]
         assert tuple(coming(rows, at)) == (*after, *before)
-
-
-def test_a_large_misfit_and_a_low_score_are_named_as_reasons__truth(desk):
-    key = next(k for k in desk.rows if k not in tiny_block().blunders)
-    figures = desk.table.figures
-    calm = queue_row(desk.state, figures, key)
-    far = replace(figures, misfits={**figures.misfits, key: Misfit((40.0, 0.0), (7.0, 0.0), 20.0)})
-    row = queue_row(desk.state, far, key)
-    assert row.grounds[0].text == "doubt.misfit"
-    assert row.grounds[0].value == 20.0
-    assert row.doubt > 0.95 > calm.doubt
-    assert row_line(row)[-5] == 20.0
-    usual = replace(figures, misfits={**figures.misfits, key: Misfit((9.0, 0.0), (1.0, 0.0), 1.4)})
-    assert "doubt.misfit" not in {g.text for g in queue_row(desk.state, usual, key).grounds}
-    poor = replace(desk.state.block.measurements[key], score=0.1)
-    state = replace(desk.state, block=desk.state.block.with_measurement(poor))
-    assert "doubt.score" in {ground.text for ground in queue_row(state, figures, key).grounds}
-
-
-def test_a_line_holds_what_the_page_expects__law(desk):
-    row = next(iter(desk.rows.values()))
-    line = row_line(replace(row, misfit_px=np.pi, score=float("nan"), sigmas=1.25))
-    assert line[:2] == list(row.key)
-    assert line[6:] == [3.14, None, None, 1.2, 0, *(round(value, 1) for value in row.place), 0]
 
 
 def test_what_no_other_could_find_wrong_is_a_queue_of_its_own__law(desk):
