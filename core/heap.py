@@ -5,8 +5,8 @@ from contextlib import suppress
 
 # source: malloc.h of the GNU C library.
 M_ARENA_MAX = -8
-# measured: 24 photos up to control peak at 1.28, 1.30 and 1.89 GiB with 1, 2 and many heaps, in the
-# same time; two let one thread allocate while another does.
+# measured: tests/benchmarks/bench_rolls.py, 24 photos up to control: peaks of 1.28, 1.30, 1.35 and
+# 1.89 GiB with 1, 2, 4 and 16 heaps, in the same time; with two, one thread waits for no other.
 HEAPS = 2
 """Heaps of the whole program."""
 
