@@ -39,15 +39,7 @@ from app.desk.messages import (
 )
 from core.doubts import Failure
 from core.mosaic.seam_edits import SeamArea, SeamEdit, SeamLine
-from sessions.decisions import (
-    Accept,
-    AddPoint,
-    Decision,
-    Place,
-    PlaceFiducial,
-    Recorded,
-    changing,
-)
+from sessions.decisions import Accept, AddPoint, Decision, Place, PlaceFiducial, Recorded, changing
 from sessions.seam_decisions import standing_seam_edits
 from ui.review.check_gestures import Reviewed
 from ui.review.compare import stale_photos, with_made
@@ -181,13 +173,14 @@ class ReviewLoop:
 
     def _catch_up(self, event: Event) -> None:
         """After every event: new decisions over the block, the picture, then the background."""
-        self._follow_decisions()
-        # Who acted sees it first.
+        # Who acted sees it first, and the next point before what the decision did to a large block.
         first = getattr(event, "seat_id", "")
+        if self._replay_due and first in self._now.present:
+            self._show(self._seat(first), 1)
+        self._follow_decisions()
         seats = sorted(self._now.present_seats(), key=lambda seat: seat.seat_id != first)
         for seat in seats:
-            if parts := self._pages.changed_parts(seat, self._seen_by(seat)):
-                self._screen.show(seat.seat_id, parts)
+            self._show(seat)
         if self._adjust_due:
             self._adjust_due = False
             self._adjust()
@@ -198,6 +191,11 @@ class ReviewLoop:
         self._try_out(seats)
         for wanted in self._proposer.wanted(self._now.state, seats):
             self._measurer.measure(wanted, self._now)
+
+    def _show(self, seat: Seat, most: int | None = None) -> None:
+        """What changed on a page; of its first so many parts."""
+        if parts := self._pages.changed_parts(seat, self._seen_by(seat), most):
+            self._screen.show(seat.seat_id, parts)
 
     def _follow_decisions(self) -> None:
         """Lay new decisions over the block, if there are any."""

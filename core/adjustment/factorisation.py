@@ -31,6 +31,9 @@ Tiles = Float64[np.ndarray, "tiles size size"]
 # design: every three degrees of half a turn.
 DIRECTIONS = 60
 """Directions in plan, over half a turn, in which the block is swept."""
+# design: about ten milliseconds: while SciPy solves a band, no other thread runs.
+HELD_OPERATIONS = 25_000_000
+"""Floating-point operations of one call."""
 
 Ends = Int[np.ndarray, "pairs"]
 """One photo of each pair that shares points."""
@@ -87,8 +90,19 @@ def solve_bordered_many(
     """Solve for many right-hand sides."""
     rest = corner_side - factor.carried.T @ band_side
     shared = cho_solve((factor.corner, True), rest, check_finite=False)
-    alone = cho_solve_banded((factor.lower, True), band_side, check_finite=False)
-    return alone - factor.carried @ shared, shared
+    return _solved(factor.lower, band_side) - factor.carried @ shared, shared
+
+
+def _solved(
+    lower: Band, sides: Float64[np.ndarray, "unknowns sides"]
+) -> Float64[np.ndarray, "unknowns sides"]:
+    """The band alone solved for some right-hand sides at a time."""
+    count = max(1, HELD_OPERATIONS // (4 * lower.size))
+    found = np.empty_like(sides)
+    for first in range(0, sides.shape[1], count):
+        some = slice(first, first + count)
+        found[:, some] = cho_solve_banded((lower, True), sides[:, some], check_finite=False)
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,9 +1,10 @@
 """How fast the desk answers: 24 scans, 1,500 proposals, a real Chromium, adjustment beside.
 
 Run: python -m tests.benchmarks.bench_desk [keys] [click] [filter] [large] [coarse] [ties] [sigma]
-     [roll] [--narrow]
+     [roll] [--flat]
 
-`roll` is a desk of 406 photos and 60,000 proposals beside that of 24 and 1,500.
+`roll` is a desk of 406 photos and 60,000 proposals beside that of 24 and 1,500; `--flat` leaves out
+the 3D scene, whose frames keep the browser's only thread busy where there is no GPU.
 """
 
 import os
@@ -32,7 +33,7 @@ from tests.benchmarks.desk_browser import (
     told,
 )
 from tests.benchmarks.large_desk import NORTH, WEST, say, say_row
-from tests.browser.conftest import SIZE, scene_of
+from tests.browser.conftest import scene_of
 from tests.browser.hands import press
 from tests.ui.desk_block import desk_inputs
 from ui.review.tiles import CoarseOrtho, Lattice
@@ -50,10 +51,6 @@ ROLL_RATIO = 1.5
 ROLL = ("--photos", "14", "29", "--proposals", "60000", "--ties", "50000")
 
 
-NARROW = {"width": 1060, "height": 1000}
-"""A page without the 3D scene, which without a GPU keeps the browser's only thread busy."""
-
-
 PAUSES_S = (0.2, 1.6)
 """Between two keys: so short that an adjustment is overtaken, so long that it comes in."""
 
@@ -61,7 +58,7 @@ PAUSES_S = (0.2, 1.6)
 def keys(folder: Path) -> bool:
     """A hundred decisions in a row, with adjustments running and coming in between."""
     with served(folder) as (url, _), browser() as chromium:
-        page = sit_down(chromium, url, size())
+        page = at_desk(chromium, url)
         page.wait_for_timeout(5000)
         first, whole = decide(page, 100)
         decided = page.evaluate("gruber.parts.status.decided")
@@ -96,7 +93,7 @@ def place(page: Page, count: int) -> list[float]:
 def click(folder: Path) -> bool:
     """Placing by a click."""
     with served(folder) as (url, _), browser() as chromium:
-        page = sit_down(chromium, url, size())
+        page = at_desk(chromium, url)
         page.wait_for_timeout(5000)
         times = place(page, 30)
     say_row("click to the placed mark", told(times))
@@ -129,7 +126,7 @@ def click_filter(page: Page, state: str) -> list[float]:
 def filtered(folder: Path) -> bool:
     """A filter over 5,000 rows."""
     with served(folder, "--proposals", "5000") as (url, _), browser() as chromium:
-        page = sit_down(chromium, url, size())
+        page = at_desk(chromium, url)
         page.wait_for_timeout(5000)
         rows = page.evaluate("gruber.parts.rows.length")
         pairs = [
@@ -147,7 +144,7 @@ def large(folder: Path) -> bool:
     """The first pixels of a scan of 25,000 pixels a side, never looked at before."""
     with served(folder, "--photos", "2", "3", "--proposals", "150", "--huge-px", "25000") as (
         url, _), browser() as chromium:  # fmt: skip
-        page = sit_down(chromium, url, size())
+        page = at_desk(chromium, url)
         name = page.evaluate("gruber.parts.rows.map(row => row[1]).sort()[0]")
         other = page.evaluate("gruber.parts.rows.map(row => row[1]).sort().at(-1)")
         page.select_option("#sieve-photo", other)
@@ -209,7 +206,7 @@ def _processor_ms(work: Callable[[], object]) -> float:
 def ties(folder: Path) -> bool:
     """A hundred thousand tie points and their vectors, from the click to the picture."""
     with served(folder, "--ties", "100000") as (url, _), browser() as chromium:
-        page = sit_down(chromium, url, size())
+        page = at_desk(chromium, url)
         scene = scene_of(page)
         page.wait_for_timeout(8000)
         page.click('[data-grow="block"]')
@@ -247,7 +244,7 @@ def roll(folder: Path) -> bool:
     for name, arguments in (("small", ()), ("roll", ROLL)):
         begun = time.perf_counter()
         with served(folder / name, *arguments) as (url, process), browser() as chromium:
-            page = sit_down(chromium, url, size())
+            page = at_desk(chromium, url)
             opened = time.perf_counter() - begun
             page.wait_for_timeout(5000)
             sets = [*decide(page, 40), place(page, 20)]
@@ -273,9 +270,12 @@ ROLL_FIGURES = (
 )
 
 
-def size() -> dict[str, int]:
-    """Of the window: narrow when asked for `--narrow`."""
-    return NARROW if "--narrow" in sys.argv else SIZE
+def at_desk(chromium: object, url: str) -> Page:
+    """A page at the desk, without its scene when asked for `--flat`."""
+    page = sit_down(chromium, url)
+    if "--flat" in sys.argv:
+        page.add_style_tag(content="#scene-room { display: none }")
+    return page
 
 
 BENCHES: dict[str, Callable[[Path], bool]] = {

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
+from itertools import islice
 
 from ui.review.board import board_drafts_part, board_part
 from ui.review.checking import parts_now, seat_checks, signatures_part, still_reads
@@ -43,10 +44,12 @@ class Pages:
         self._scene_sources: tuple[object, ...] = ()
         self._scene: Scene | None = None
 
-    def changed_parts(self, seat: Seat, desk: DeskSnapshot) -> dict[str, Part]:
-        """The parts of a seat's page that are not as they were shown last."""
+    def changed_parts(
+        self, seat: Seat, desk: DeskSnapshot, most: int | None = None
+    ) -> dict[str, Part]:
+        """The parts of a seat's page that are not as they were shown last; of the first so many."""
         changed: dict[str, Part] = {}
-        for name, (sources, make) in page_parts(seat, desk):
+        for name, (sources, make) in islice(page_parts(seat, desk), most):
             if not _are_same(self._sources.get((seat.seat_id, name), ()), sources):
                 self._sources[seat.seat_id, name] = sources
                 changed[name] = make()

@@ -271,10 +271,9 @@ const isNamed = (name, text) =>
   text.toLowerCase().split(" ").every((part) => name.toLowerCase().includes(part));
 
 /** @param {Row} row @param {Filter} filter */
-const ofKind = (row, filter) => isNamed(row[POINT], filter.text)
-  && isWithin(placeAt(row), filter.area)
-  && (!filter.photo || row[PHOTO] === filter.photo)
-  && (filter.role ? row[ROLE] === filter.role : POINTS.includes(row[ROLE]));
+const ofKind = (row, { photo, role, text, area }) => (!photo || row[PHOTO] === photo)
+  && (role ? row[ROLE] === role : POINTS.includes(row[ROLE]))
+  && (!text || isNamed(row[POINT], text)) && (!area.length || isWithin(placeAt(row), area));
 
 /** @param {Row} row @param {string} wanted */
 const inState = (row, wanted) => wanted === "all"
