@@ -26,6 +26,7 @@ from pathlib import Path
 
 import aiohttp
 import numpy as np
+import psutil
 
 from app.desk.inputs import Adjusting
 from app.desk.wiring import open_desk
@@ -231,14 +232,19 @@ async def _many(session: aiohttp.ClientSession, port: int, name: str, count: int
 
 def memory(count: int) -> bool:
     """Walk, look, decide and take back, thousands of times, from several pages at once."""
+    port = _free_port()
     with tempfile.TemporaryDirectory() as folder:
-        inputs = desk_inputs(Path(folder), token=TOKEN)
-        with open_desk(inputs) as desk:
-            begun = time.perf_counter()
-            told = asyncio.run(_work(desk.port, count))
-            seconds = time.perf_counter() - begun
-            decided = len(inputs.session.decisions())
-        inputs.session.close()
+        # Spawned: a fork would count what the hand holds.
+        spawned = multiprocessing.get_context("spawn")
+        desk = spawned.Process(target=serve, args=(folder, port), daemon=True)
+        desk.start()
+        begun = time.perf_counter()
+        told = asyncio.run(_work(port, count, psutil.Process(desk.pid)))
+        seconds = time.perf_counter() - begun
+        desk.terminate()
+        desk.join()
+        with Session.open(Path(folder), "reader") as session:
+            decided = len(session.decisions())
     growth = 100 * (told[-1] / told[0] - 1)
     printed = ", ".join(f"{one:.0f}" for one in told)
     printed += f" MB ({growth:+.1f} %), {decided} decisions, {seconds:.0f} s"
@@ -246,14 +252,15 @@ def memory(count: int) -> bool:
     return growth <= MOST_GROWTH
 
 
-async def _work(port: int, count: int) -> list[float]:
+async def _work(port: int, count: int, desk: psutil.Process) -> list[float]:
     """Gestures, each answered before the next; memory is looked at when all is quiet."""
     told = []
     async with aiohttp.ClientSession(cookie_jar=aiohttp.CookieJar(unsafe=True)) as session:
+        await (await _patiently(session, port)).socket.close()
         for _ in range(4):
             busy, share = set(range(PAGES)), count // (4 * PAGES)
             await asyncio.gather(*(_sit(session, port, seat, share, busy) for seat in range(PAGES)))
-            told.append(resident_mb())
+            told.append(desk.memory_info().rss / 2**20)
     return told
 
 
@@ -265,14 +272,15 @@ async def _sit(
     number = 0
     while busy:
         page = await opened_page(session, port, f"worker-{seat}")
-        with suppress(ConnectionResetError):
+        with suppress(ConnectionError):
             while number < count:
                 message = kinds[number % 3]
                 if number % 4 == 0:
                     message = {"kind": "judge", "key": page.current, "verdict": "dubious"}
                 number += 1
                 await page.socket.send_json(message)
-                await _quiet(page, 0.02)
+                await page.socket.send_json({"kind": "answer", "number": number})
+                await page.until(lambda parts, n=number: parts.get("answered") == n, 600)
             busy.discard(seat)
             while busy:
                 await _quiet(page, 2.0)
@@ -290,12 +298,6 @@ async def _quiet(page: Page, seconds: float) -> None:
         if heard.type is not aiohttp.WSMsgType.TEXT:
             raise ConnectionResetError(str(heard))
         page.take(json.loads(heard.data))
-
-
-def resident_mb() -> float:
-    """Resident memory of this process, MB; Linux tells it in pages."""
-    pages_in_use = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages_in_use * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def _free_port() -> int:
