@@ -66,6 +66,27 @@ def test_batches_change_nothing__law(ahead, monkeypatch):
         assert parts[key].wrong == pytest.approx(gain.wrong, rel=1e-9)
 
 
+def test_weights_lost_are_those_of_the_whole_hat_matrix__oracle(ahead):
+    """The same formulas with every matrix whole; two of the wrong ones are of one point."""
+    network, rays = ahead.solution.network, ahead.control_rays
+    keys = [network.measurements[row].key for row in network.rays.measurement[rays].tolist()]
+    twice = next(key for key in keys if sum(other[0] == key[0] for other in keys) > 1)
+    wrong = {key for key in keys if key[0] == twice[0]} | set(keys[::9])
+    down = np.repeat([float(key in wrong) for key in keys], 2)
+    rows, whitened = ahead.equations.of_rays(rays)
+    columns, point = ahead.equations.cofactors(rows), np.repeat(network.rays.point[rays], 2)
+    hat = rows @ columns + np.where(point[:, None] == point, whitened @ whitened.T, 0.0)
+    inner = np.eye(len(hat)) - hat * down
+    residuals = np.linalg.solve(inner, ahead.solution.fit.lin.residuals[:, rays].T.ravel())
+    weighed = np.linalg.solve(inner, hat)
+    gains = expected_gains(ahead, wrong)
+    for number, key in enumerate(keys):
+        pair = slice(2 * number, 2 * number + 2)
+        own = np.eye(2) - (1 - down[pair]) * weighed[pair, pair]
+        moved = ahead.ground.of(columns[:, pair] @ np.linalg.solve(own, residuals[pair])[:, None])
+        assert gains[key].shift_m == pytest.approx(np.sqrt(2 * np.mean(moved**2)), rel=1e-6)
+
+
 OPTIONS_OF_MEASURING_GAIN = AdjustmentOptions(robust=False)
 
 
