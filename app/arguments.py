@@ -65,9 +65,9 @@ def add_run(verb: Parser) -> None:
 def add_batch(verb: Parser) -> None:
     """Arguments of `batch`."""
     verb.add_argument(
-        "list", type=Path, metavar="LIST",
-        help="a folder of blocks, a text file with one path a line, or a CSV table with columns "
-        "block, priority, until",
+        "list", type=Path, metavar="LIST", nargs="+",
+        help="a block or a folder of blocks, a pattern as rolls/19*, a text file with one path a "
+        "line, or a CSV table with columns block, priority, until",
     )  # fmt: skip
     add_workers(verb)
     where = (

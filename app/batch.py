@@ -1,6 +1,7 @@
 """Blocks run: one in this process, or one or many elsewhere, where no failure stops the others."""
 
 import csv
+import glob
 import io
 import json
 import logging
@@ -100,32 +101,41 @@ class BlockState:
         return f"{len(grave)}: {grave[0]}" if grave else "0"
 
 
-def read_list(source: Path) -> tuple[BlockTask, ...]:
-    """The blocks of a folder, of a file with a path a line, or of a table, in the order to run.
+def read_list(*sources: Path) -> tuple[BlockTask, ...]:
+    """The blocks of folders, patterns, files with a path a line, or tables, in the order to run.
 
     A table is a CSV file whose head names `block` and, where wanted, `priority` and `until`.
     Paths are relative to the list.
 
     Raises:
-        ProjectError: The list cannot be read, is empty, or names something that is no block.
+        ProjectError: A list cannot be read, is empty, or names something that is no block.
     """
-    if source.is_dir():
-        tasks = [BlockTask(source / found["path"]) for found in blocks_in(source)]
-        if (source / FILE).is_file():
-            tasks = [BlockTask(source)]
-    else:
-        tasks = [_task(source, row) for row in _rows(source)]
-    if not tasks:
-        remedy = "Name a folder with blocks in it, or a file with the path of a block a line."
-        raise ProjectError(source, "lists no block.", remedy)
+    tasks = [task for source in sources for task in _tasks(source)]
     folders = [os.path.realpath(task.block) for task in tasks]
     twice = sorted(
         {str(task.block) for task in tasks if folders.count(os.path.realpath(task.block)) > 1}
     )
     if twice:
         cause = "names {block} more than once."
-        raise ProjectError(source, cause, "Name every block once.", block=twice[0])
+        raise ProjectError(sources[-1], cause, "Name every block once.", block=twice[0])
     return tuple(sorted(tasks, key=lambda task: -task.priority))
+
+
+def _tasks(source: Path) -> list[BlockTask]:
+    """The blocks of one folder, pattern, file or table."""
+    if (source / FILE).is_file():
+        return [BlockTask(source)]
+    if source.is_dir():
+        tasks = [BlockTask(source / found["path"]) for found in blocks_in(source)]
+    elif glob.has_magic(str(source)) and not source.exists():
+        found = (Path(path) for path in sorted(glob.glob(str(source), recursive=True)))
+        tasks = [BlockTask(path) for path in found if (path / FILE).is_file()]
+    else:
+        tasks = [_task(source, row) for row in _rows(source)]
+    if not tasks:
+        remedy = "Name a folder with blocks in it, or a file with the path of a block a line."
+        raise ProjectError(source, "lists no block.", remedy)
+    return tasks
 
 
 def _rows(source: Path) -> list[dict[str, str]]:
@@ -142,7 +152,12 @@ def _rows(source: Path) -> list[dict[str, str]]:
     if unknown := [name for name in head if name not in LISTED]:
         cause, remedy = "has an unknown column {name}.", "Its columns are {names}."
         raise ProjectError(source, cause, remedy, name=unknown[0], names=LISTED)
-    return [dict(zip(head, row, strict=False)) for row in csv.reader(lines[1:])]
+    rows = list(csv.reader(lines[1:]))
+    if short := [number for number, row in enumerate(rows) if len(row) != len(head)]:
+        cause = "has {found} values where its head names {wanted}, in the line {line}."
+        told = {"found": len(rows[short[0]]), "wanted": len(head), "line": lines[short[0] + 1]}
+        raise ProjectError(source, cause, "Give every line a value for each column.", **told)
+    return [dict(zip(head, row, strict=True)) for row in rows]
 
 
 def _task(source: Path, row: dict[str, str]) -> BlockTask:
@@ -164,16 +179,20 @@ def _task(source: Path, row: dict[str, str]) -> BlockTask:
         raise ProjectError(source, cause, "Use a number; higher runs first.", **values) from error
 
 
-def listed(source: Path, voice: Voice, language: str) -> "Batch":
-    """The blocks of a list, with its table beside them.
+def listed(sources: Sequence[Path], voice: Voice, language: str) -> "Batch":
+    """The blocks of some lists, with their table beside them.
 
     Args:
-        source: As `read_list` takes it.
+        sources: As `read_list` takes them.
         voice: Told of all.
         language: Of the reports; empty for that of each last one.
     """
-    tasks = [replace(task, language=language) for task in read_list(source)]
-    return Batch(tasks, (source if source.is_dir() else source.parent) / TABLE, voice)
+    tasks = [replace(task, language=language) for task in read_list(*sources)]
+    first = sources[0]
+    if len(sources) > 1 or glob.has_magic(str(first)):
+        # The shell may have spelt a pattern out: its blocks have a folder above them.
+        first = Path(os.path.commonpath([os.path.abspath(task.block.parent) for task in tasks]))
+    return Batch(tasks, (first if first.is_dir() else first.parent) / TABLE, voice)
 
 
 class Batch:

@@ -277,17 +277,29 @@ class Table:
             [pattern] if literal else sorted(glob.glob(pattern, root_dir=folder, recursive=True))
         )
         paths = [Path(os.path.normpath(folder / name)) for name in names]
-        kept = [path for path in paths if os.path.isfile(path) and not path.name.startswith(".")]
+        paths = [path for path in paths if not path.name.startswith(".")]
         if rasters and not literal:
-            kept = [path for path in kept if path.suffix.lower() in RASTERS]
+            paths = [path for path in paths if path.suffix.lower() in RASTERS]
+            self._refuse_folders(key, pattern, paths)
+        kept = [path for path in paths if os.path.isfile(path)]
         if not kept:
-            verb = "matches no file." if glob.has_magic(pattern) else "is not there."
+            there = "is a folder." if os.path.isdir(folder / pattern) else "is not there."
+            verb = "matches no file." if glob.has_magic(pattern) else there
             raise self.error(
                 key,
                 say('"{pattern}" {verb}', pattern=pattern, verb=verb),
                 _what_is_there(folder, pattern),
             )
         return [Path(f"{path}{mark}{layer}") for path in kept]
+
+    def _refuse_folders(self, key: str, pattern: str, paths: Sequence[Path]) -> None:
+        """A folder or a broken link that is called as a picture would be one picture fewer."""
+        for path in paths:
+            if not os.path.isfile(path):
+                cause = say(
+                    '"{pattern}" matches {path}, which is no file.', pattern=pattern, path=path
+                )
+                raise self.error(key, cause, "Take it away, or put the picture there.")
 
     def checked(self, key: str) -> None:
         """Read a key as its kind says, for the error it may hold; tables are read elsewhere.

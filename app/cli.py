@@ -5,6 +5,7 @@ What a verb does is imported once it is asked for: `gruber --help` waits for no 
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
@@ -45,8 +46,10 @@ Exit codes: 0 done; 1 the data cannot be used; 2 wrong use; 130 cancelled.
 def program() -> None:
     """The program `gruber`: a verb, then out.
 
-    After Ctrl-C it does not wait for threads that still compute: nothing they do is kept.
+    After Ctrl-C it does not wait for threads that still compute: nothing they do is kept. What asks
+    it to end is as Ctrl-C, so that what it has started ends with it.
     """
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     share_heaps()
     code = main()
     sys.stdout.flush()

@@ -43,9 +43,15 @@ def test_a_folder_a_file_and_a_table_list_the_same_blocks__truth(tmp_path, three
     listed.write_text("# rolls\n\narchive/a\narchive/b/block.toml\narchive/c\n", encoding="utf-8")
     table = tmp_path / "list.csv"
     table.write_text("block,until\narchive/a,\narchive/b,ties\narchive/c,\n", encoding="utf-8")
-    for source in (tmp_path / "archive", listed, table):
+    for source in (tmp_path / "archive", tmp_path / "arch*" / "[abc]", listed, table):
         assert [task.block.resolve() for task in read_list(source)] == three
     assert [task.until for task in read_list(table)] == ["", "ties", ""]
+
+
+def test_blocks_that_the_shell_spelt_out_have_their_table_above_them__truth(three):
+    assert main(["batch", *map(str, three)]) == UNUSABLE
+    told = rows(three[0].parent)
+    assert [told[name]["state"] for name in ("a", "b", "c")] == ["failed"] * 3
 
 
 def test_a_higher_priority_runs_first__truth(tmp_path, three):
@@ -63,6 +69,7 @@ def test_a_higher_priority_runs_first__truth(tmp_path, three):
         ("block,until\narchive/a,landing\n", "landing"),
         ("block,colour\narchive/a,red\n", "colour"),
         ("block,priority\narchive/a,high\n", "no number"),
+        ("block,priority\narchive/a\n", "1 values"),
         (b"\xff\xfe\x00", "cannot be read"),
     ],
 )
@@ -193,7 +200,10 @@ def test_the_language_reaches_the_report_of_every_block__truth(tiny_run, tmp_pat
     assert 'lang="cs"' in report
 
 
-def test_ctrl_c_stops_the_runs_under_way_and_the_next_call_resumes__law(tiny_block, tmp_path):
+@pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
+def test_who_stops_it_stops_the_runs_under_way_and_the_next_call_resumes__law(
+    tiny_block, tmp_path, asked
+):
     shutil.copytree(tiny_block, tmp_path / "one")
     command = [sys.executable, "-m", "gruber", "batch", str(tmp_path)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
@@ -201,7 +211,7 @@ def test_ctrl_c_stops_the_runs_under_way_and_the_next_call_resumes__law(tiny_blo
     while not products.exists():
         assert process.poll() is None
         time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(asked)
     _, told = process.communicate(timeout=90)
     assert process.returncode == 130
     assert b"stopped" in told

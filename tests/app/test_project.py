@@ -335,6 +335,7 @@ MISTAKES = {
         swap("dem", '"dmr.tif"'),
         r'"dmr.tif" is not there. .* holds block.toml, dem.tif',
     ),
+    "folder for a file": (swap("dem", '"scans"'), r'"scans" is a folder'),
     "no match": (swap("files", '"scans/*.jpg"'), r"matches no file. .*scans holds a.tif, b.tif"),
     "no folder": (swap("files", '"film/*.tif"'), r"There is no folder .*film"),
     "two lists": (put('exterior = "scans/*.tif"'), r"must be one file but matches 2: a.tif, b.tif"),
@@ -350,6 +351,15 @@ MISTAKES = {
     "feet": (swap("crs", '"EPSG:2263"'), "counts in US survey foot, not in metres"),
     "heights": (swap("heights", '"EPSG:5514"'), "is no height system"),
 }
+
+
+def test_a_folder_or_a_broken_link_called_as_a_scan_is_told__law(folder: Path) -> None:
+    (folder / "block.toml").write_text(TOML, encoding="utf-8")
+    for odd, made in (("c.tif", Path.mkdir), ("d.tif", lambda path: path.symlink_to("nowhere"))):
+        made(folder / "scans" / odd)
+        with pytest.raises(ProjectError, match=f"matches .*{odd}, which is no file"):
+            read_project(folder)
+        (folder / "scans" / odd).rename(folder / odd)
 
 
 @pytest.mark.parametrize(("toml", "message"), MISTAKES.values(), ids=MISTAKES.keys())
