@@ -192,7 +192,11 @@ def listed(sources: Sequence[Path], voice: Voice, language: str) -> "Batch":
     if len(sources) > 1 or glob.has_magic(str(first)):
         # The shell may have spelt a pattern out: its blocks have a folder above them.
         first = Path(os.path.commonpath([os.path.abspath(task.block.parent) for task in tasks]))
-    return Batch(tasks, (first if first.is_dir() else first.parent) / TABLE, voice)
+    table = (first if first.is_dir() else first.parent) / TABLE
+    if any(os.path.realpath(source) == os.path.realpath(table) for source in sources):
+        cause, remedy = "has the name of the table that tells how far each block is.", "Rename it."
+        raise ProjectError(table, cause, remedy)
+    return Batch(tasks, table, voice)
 
 
 class Batch:
@@ -434,7 +438,7 @@ def run_on_cluster(client: Any, task: BlockTask) -> BlockState:
     started, whole = time.monotonic(), replace(task, block=task.block.resolve())
     future, error = None, None
     for _ in range(HANDED_OUT):
-        future = client.submit(run_silently, whole, pure=False)
+        future = client.submit(run_silently, whole, pure=False, priority=task.priority)
         error = future.exception()
         if not isinstance(error, KilledWorker):
             break

@@ -158,6 +158,8 @@ def export_block(
 def export_target(session: Session, name: str, out: Path | None) -> Path:
     """Where an export goes; a folder is replaced whole, so it may hold only what an export wrote.
 
+    A file is replaced outside the block, where its name ends as those of the format.
+
     Raises:
         StorageError: Something else stands there.
     """
@@ -166,6 +168,11 @@ def export_target(session: Session, name: str, out: Path | None) -> Path:
         target = session.results / EXPORTS / (form.default_name or name)
     else:
         target = out.resolve()
+    if not form.folder and out is not None and target.is_file():
+        usual = Path(form.default_name or name).suffix
+        if target.suffix != usual or target.is_relative_to(session.folder.resolve()):
+            another = "Name another file, or move away what stands there."
+            raise StorageError(target, "stands there already and may be no export.", another)
     # What stands in the results without a stamp was exported by an earlier version.
     if not form.folder or not target.exists() or (out is None and not (target / STAMP).exists()):
         return target

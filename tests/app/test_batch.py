@@ -54,6 +54,14 @@ def test_blocks_that_the_shell_spelt_out_have_their_table_above_them__truth(thre
     assert [told[name]["state"] for name in ("a", "b", "c")] == ["failed"] * 3
 
 
+def test_a_list_that_its_table_would_replace_is_refused__law(tmp_path, three, capsys):
+    source = tmp_path / TABLE
+    source.write_text("block\narchive/a\n", encoding="utf-8")
+    assert main(["batch", str(source)]) == UNUSABLE
+    assert "Rename it" in capsys.readouterr().err
+    assert source.read_text(encoding="utf-8") == "block\narchive/a\n"
+
+
 def test_a_higher_priority_runs_first__truth(tmp_path, three):
     table = tmp_path / "list.csv"
     table.write_text("priority,block\n1,archive/a\n,archive/b\n7.5,archive/c\n", encoding="utf-8")
@@ -126,8 +134,8 @@ class Ends:
     def __init__(self, *ways):
         self.ways = list(ways)
 
-    def submit(self, *_, pure):
-        assert not pure
+    def submit(self, *_, pure, priority):
+        assert (pure, priority) == (False, 0.0)
         return Ends(self.ways.pop(0))
 
     def exception(self):

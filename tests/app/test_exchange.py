@@ -13,7 +13,7 @@ from pyproj.transformer import TransformerGroup
 
 from app import exchange
 from app.cli import main
-from app.exchange import export_block, import_into, in_block_crs, usable_part
+from app.exchange import export_block, export_target, import_into, in_block_crs, usable_part
 from app.project import read_project
 from core.adjustment.adjusted import AdjustmentReport
 from core.errors import CrsError, ProjectError, StorageError
@@ -482,3 +482,16 @@ def test_a_format_that_is_none_is_wrong_use__law(capsys: pytest.CaptureFixture[s
     with pytest.raises(SystemExit, match="2"):
         main(["import", "--from", "fax", "list.csv"])
     assert "it is one of" in capsys.readouterr().err
+
+
+def test_an_export_to_a_file_spares_the_block_and_what_is_called_otherwise__law(tmp_path):
+    """A slip of the shell's completion must cost no scan."""
+    outside, home = tmp_path / "old.txt", tmp_path / "home"
+    outside.write_text("", encoding="utf-8")
+    with Session.open(home, "anna") as session:
+        assert export_target(session, "odm", outside) == outside.resolve()
+        for target in (home / "notes.txt", tmp_path / "scan.tif"):
+            assert export_target(session, "odm", target) == target.resolve()
+            target.write_text("mine", encoding="utf-8")
+            with pytest.raises(StorageError, match=f"{target.name}: stands there already"):
+                export_target(session, "odm", target)

@@ -19,7 +19,7 @@ from aiohttp import WSMsgType, web
 from core.errors import PhotogrammetryError
 from core.said import Said, say
 from ui.web.access import Access, is_guest
-from ui.web.channel import Channel
+from ui.web.channel import MESSAGE_BYTES, Channel
 from ui.web.tiles import ScanTiles, tile_routes
 from ui.words.catalogue import KEYS, LANGUAGES, messages, preferred_language, words
 
@@ -294,7 +294,9 @@ class Front:
             f"ws://127.0.0.1:{upstream.port}/",
             headers=headers, protocols=protocols, max_msg_size=0, autoping=True,
         )  # fmt: skip
-        outer = web.WebSocketResponse(protocols=protocols, max_msg_size=0, compress=False)
+        outer = web.WebSocketResponse(
+            protocols=protocols, max_msg_size=MESSAGE_BYTES, compress=False
+        )
         await outer.prepare(request)
         passing: list[Coroutine[Any, Any, None]] = [_pass(inner, outer), _pass(outer, inner)]
         tasks = [asyncio.create_task(one) for one in passing]

@@ -52,8 +52,6 @@ THUMBNAIL = 96
 
 MosaicTiles = Callable[[int, int], OrthoSource | None]
 """(version, edition of its seams) -> the mosaic; None where there is none."""
-LONGEST_NUMBER = 15
-"""Digits of a version: milliseconds since 1970 have thirteen."""
 PNG = b"\x89PNG"
 
 
@@ -223,8 +221,9 @@ class TileStore(ScanTiles):
         )
 
 
-TILE = r"/{level:\d+}/{column:-?\d+}/{row:-?\d+}"
-PHOTO = r"/{photo}/{version:\d+}"
+# Milliseconds since 1970, which versions are, have thirteen digits.
+TILE = r"/{level:\d{1,15}}/{column:-?\d{1,15}}/{row:-?\d{1,15}}"
+PHOTO = r"/{photo}/{version:\d{1,15}}"
 """A version in the address lets the browser keep tiles for good."""
 
 
@@ -239,7 +238,7 @@ def tile_routes(store: ScanTiles) -> list[web.RouteDef]:
         photo, window = _photo(store, request), _window(request)
         return await _answer(store, request, lambda: store.near(photo, window))
 
-    window = r"/{column:-?\d+}/{row:-?\d+}/{side:\d+}/{reduction:\d+}"
+    window = r"/{column:-?\d{1,15}}/{row:-?\d{1,15}}/{side:\d{1,15}}/{reduction:\d{1,15}}"
     return [
         web.get("/tiles/raw" + PHOTO + TILE, raw),
         web.get("/tiles/near" + PHOTO + window, near),
@@ -257,11 +256,11 @@ def _ground_routes(store: TileStore) -> list[web.RouteDef]:
         return await _answer(store, request, lambda: store.ortho(place, wallis))
 
     async def of_year(request: web.Request) -> web.StreamResponse:
-        place, wallis, year = _place(request), _wallis(request), _count(request, "year")
+        place, wallis, year = _place(request), _wallis(request), int(request.match_info["year"])
         return await _answer(store, request, lambda: store.ortho(place, wallis, year))
 
     async def mosaic(request: web.Request) -> web.StreamResponse:
-        version, edition = _count(request, "version"), _count(request, "edition")
+        version, edition = (int(request.match_info[name]) for name in ("version", "edition"))
         place, wallis = _place(request), _wallis(request)
         return await _answer(store, request, lambda: store.mosaic(version, edition, place, wallis))
 
@@ -293,9 +292,9 @@ def _ground_routes(store: TileStore) -> list[web.RouteDef]:
     position = "".join(f"/{{{name}:-?[0-9.]+}}" for name in ("east", "north", "height"))
     return [
         web.get("/tiles/ortho" + TILE, ortho),
-        web.get(r"/tiles/year/{year:\d+}" + TILE, of_year),
+        web.get(r"/tiles/year/{year:\d{1,15}}" + TILE, of_year),
         web.get("/tiles/scan" + PHOTO + TILE, scan),
-        web.get(r"/tiles/mosaic/{version:\d+}/{edition:\d+}" + TILE, mosaic),
+        web.get(r"/tiles/mosaic/{version:\d{1,15}}/{edition:\d{1,15}}" + TILE, mosaic),
         web.get("/tiles/likeness" + PHOTO + position, likeness),
         web.get("/tiles/point" + PHOTO + "/{east}/{north}/{pixel}", thumbnail),
         web.get("/tiles/corrections" + PHOTO + "/{frame:scan|ground}/{x}/{y}", corrections),
@@ -345,14 +344,6 @@ def _place(request: web.Request) -> tuple[int, int, int]:
     if level > 20 or max(abs(column), abs(row)) > 10**6:
         raise web.HTTPNotFound
     return level, column, row
-
-
-def _count(request: web.Request, name: str) -> int:
-    """A number of an address that is kept short."""
-    digits = request.match_info[name]
-    if len(digits) > LONGEST_NUMBER:
-        raise web.HTTPNotFound
-    return int(digits)
 
 
 def _window(request: web.Request) -> tuple[int, int, int, int]:

@@ -83,7 +83,12 @@ def test_addresses_beyond_reason_are_not_there__law(store, drawn):
         async with TestServer(application) as server, TestClient(server) as client:
             there = await client.get("/tiles/ortho/0/8/6")
             assert (there.status, there.content_type) == (200, "image/jpeg")
-            for path in ("/tiles/ortho/99/0/0", "/tiles/ortho/0/9999999999/0"):
+            endless = "9" * 5000
+            for path in (
+                "/tiles/ortho/99/0/0",
+                "/tiles/ortho/0/9999999999/0",
+                f"/tiles/ortho/0/{endless}/0",
+            ):
                 assert (await client.get(path)).status == 404, path
 
     asyncio.run(visit())
