@@ -359,7 +359,8 @@ def run_apart(
     Returns:
         The block, done or failed.
     """
-    command = [sys.executable, "-m", "gruber", "--log-json", "run", str(task.block)]
+    # -P: a module beside the blocks that is called as one of Python's is none of ours.
+    command = [sys.executable, "-P", "-m", "gruber", "--log-json", "run", str(task.block)]
     command += ["--workers", str(threads), *chain.from_iterable(task.options.items())]
     started, stage, why, last, early = time.monotonic(), "", "", "", False
     # A session of its own: Ctrl-C reaches this program alone, which hands it on.

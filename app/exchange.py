@@ -170,7 +170,9 @@ def export_target(session: Session, name: str, out: Path | None) -> Path:
         target = out.resolve()
     if not form.folder and out is not None and target.is_file():
         usual = Path(form.default_name or name).suffix
-        if target.suffix != usual or target.is_relative_to(session.folder.resolve()):
+        exports = (session.results / EXPORTS).resolve()
+        own = target.is_relative_to(session.folder.resolve())
+        if target.suffix != usual or (own and not target.is_relative_to(exports)):
             another = "Name another file, or move away what stands there."
             raise StorageError(target, "stands there already and may be no export.", another)
     # What stands in the results without a stamp was exported by an earlier version.

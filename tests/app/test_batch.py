@@ -208,6 +208,15 @@ def test_the_language_reaches_the_report_of_every_block__truth(tiny_run, tmp_pat
     assert 'lang="cs"' in report
 
 
+def test_modules_that_lie_beside_the_blocks_are_not_run__law(three, monkeypatch):
+    beside = three[0].parent
+    (beside / "calendar.py").write_text("open('hijacked', 'w')", encoding="utf-8")
+    monkeypatch.chdir(beside)
+    assert main(["batch", str(three[0]), "--executor", "processes"]) == UNUSABLE
+    assert "describes no camera" in rows(three[0])["a"]["message"]
+    assert not (beside / "hijacked").exists()
+
+
 @pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
 def test_who_stops_it_stops_the_runs_under_way_and_the_next_call_resumes__law(
     tiny_block, tmp_path, asked
