@@ -69,6 +69,8 @@ from ui.review.to_measure import kept_up, with_predictions, with_proposals
 from ui.review.trial import Trial, TrialWork
 from ui.review.verdicts import still_asked
 
+MANY_ROWS = 5000  # design: going through them takes ten milliseconds, which nobody feels.
+
 
 class ReviewLoop:
     """Takes events in order, one at a time; nothing else changes what the desk knows."""
@@ -173,9 +175,9 @@ class ReviewLoop:
 
     def _catch_up(self, event: Event) -> None:
         """After every event: new decisions over the block, the picture, then the background."""
-        # Who acted sees it first, and the next point before what the decision did to a large block.
-        first = getattr(event, "seat_id", "")
-        if self._replay_due and first in self._now.present:
+        # Who acted sees it first, and the next point before very many rows are gone through.
+        first, many = getattr(event, "seat_id", ""), len(self._now.rows) > MANY_ROWS
+        if many and self._replay_due and first in self._now.present:
             self._show(self._seat(first), 1)
         self._follow_decisions()
         seats = sorted(self._now.present_seats(), key=lambda seat: seat.seat_id != first)
