@@ -698,3 +698,15 @@ def test_what_another_program_decided_is_there_when_a_sheet_is_opened__law(desk:
     desk.loop.submit(SheetAsked("anna-1", "checks", shown=True))
     desk.glass.until(lambda glass: glass.parts["anna-1"].get("checks", {}).get("plan"))
     assert [one["place"] for one in desk.glass.parts["anna-1"]["checks"]["places"]] == ["1-01"]
+
+
+def test_the_next_point_comes_before_very_many_rows__law(desk, monkeypatch):
+    monkeypatch.setattr("app.desk.loop.MANY_ROWS", 0)
+    key, before = desk.glass.current(), len(desk.glass.shown)
+    desk.loop.submit(Judged("anna-1", key, "reject"))
+    desk.loop.submit(AnswerAsked("anna-1", 8))
+    desk.glass.until(lambda glass: glass.parts["anna-1"].get("answered") == 8)
+    first, *others = (parts for _, _, parts in desk.glass.shown[before:])
+    assert set(first) == {"point"}
+    assert tuple(first["point"]["key"]) != key
+    assert any("rows" in parts for parts in others)
