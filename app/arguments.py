@@ -66,8 +66,8 @@ def add_batch(verb: Parser) -> None:
     """Arguments of `batch`."""
     verb.add_argument(
         "list", type=Path, metavar="LIST", nargs="+",
-        help="a block or a folder of blocks, a pattern as rolls/19*, a text file with one path a "
-        "line, or a CSV table with columns block, priority, until",
+        help="a block or a folder of blocks, a pattern such as rolls/19*, a text file with one "
+        "path a line, or a CSV table with columns block, priority, until",
     )  # fmt: skip
     add_workers(verb)
     where = (

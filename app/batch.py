@@ -20,13 +20,13 @@ from typing import Any, Literal, cast
 
 from app.block_list import blocks_in
 from app.block_toml import FILE, folder_of
+from app.heap import share_heaps
 from app.project import read_project
 from app.run import STAGE_NAMES, Run, RunOptions
 from app.settings import Settings
 from app.terminal import JsonLines, Voice, interruptible
 from core.errors import PhotogrammetryError, ProjectError
 from core.formats.records import guarded, plain_bytes
-from core.heap import share_heaps
 from core.said import say
 from sessions.atomic_write import whole_file
 from sessions.codec import from_json
@@ -152,12 +152,10 @@ def _rows(source: Path) -> list[dict[str, str]]:
     if unknown := [name for name in head if name not in LISTED]:
         cause, remedy = "has an unknown column {name}.", "Its columns are {names}."
         raise ProjectError(source, cause, remedy, name=unknown[0], names=LISTED)
-    rows = list(csv.reader(lines[1:]))
-    if short := [number for number, row in enumerate(rows) if len(row) != len(head)]:
-        cause = "has {found} values where its head names {wanted}, in the line {line}."
-        told = {"found": len(rows[short[0]]), "wanted": len(head), "line": lines[short[0] + 1]}
-        raise ProjectError(source, cause, "Give every line a value for each column.", **told)
-    return [dict(zip(head, row, strict=True)) for row in rows]
+    rows = [dict(zip(head, row, strict=False)) for row in csv.reader(lines[1:])]
+    if any(not row.get("block", "").strip() for row in rows):
+        raise ProjectError(source, "has a row without a block.", "Give every row the path of one.")
+    return rows
 
 
 def _task(source: Path, row: dict[str, str]) -> BlockTask:
@@ -194,7 +192,7 @@ def listed(sources: Sequence[Path], voice: Voice, language: str) -> "Batch":
         first = Path(os.path.commonpath([os.path.abspath(task.block.parent) for task in tasks]))
     table = (first if first.is_dir() else first.parent) / TABLE
     if any(os.path.realpath(source) == os.path.realpath(table) for source in sources):
-        cause, remedy = "has the name of the table that tells how far each block is.", "Rename it."
+        cause, remedy = "has the name of the table that shows how far each block is.", "Rename it."
         raise ProjectError(table, cause, remedy)
     return Batch(tasks, table, voice)
 

@@ -293,13 +293,13 @@ class Table:
         return [Path(f"{path}{mark}{layer}") for path in kept]
 
     def _refuse_folders(self, key: str, pattern: str, paths: Sequence[Path]) -> None:
-        """A folder or a broken link that is called as a picture would be one picture fewer."""
+        """A folder or a broken link that a pattern matches would silently be one image fewer."""
         for path in paths:
             if not os.path.isfile(path):
                 cause = say(
-                    '"{pattern}" matches {path}, which is no file.', pattern=pattern, path=path
+                    '"{pattern}" matches {path}, which is not a file.', pattern=pattern, path=path
                 )
-                raise self.error(key, cause, "Take it away, or put the picture there.")
+                raise self.error(key, cause, "Remove it, or put the image there.")
 
     def checked(self, key: str) -> None:
         """Read a key as its kind says, for the error it may hold; tables are read elsewhere.

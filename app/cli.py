@@ -19,10 +19,10 @@ os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 
 from app import verbs
 from app.arguments import VERBS, add_language, add_log, wrong_use
+from app.heap import share_heaps
 from app.terminal import JsonLines, Terminal, Voice
 from app.usage import Parser, Verbs, asked_language, asked_verb, teller_of_usage
 from core.errors import Cancelled, PhotogrammetryError
-from core.heap import share_heaps
 from ui.words.catalogue import LANGUAGES
 
 DONE, UNUSABLE, CANCELLED = 0, 1, 130

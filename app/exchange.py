@@ -174,7 +174,7 @@ def export_target(session: Session, name: str, out: Path | None) -> Path:
         own = target.is_relative_to(session.folder.resolve())
         if target.suffix != usual or (own and not target.is_relative_to(exports)):
             another = "Name another file, or move away what stands there."
-            raise StorageError(target, "stands there already and may be no export.", another)
+            raise StorageError(target, "is already there, and may not be an export.", another)
     # What stands in the results without a stamp was exported by an earlier version.
     if not form.folder or not target.exists() or (out is None and not (target / STAMP).exists()):
         return target

@@ -27,7 +27,7 @@ from app.running import Running
 from app.sheets import check_sheets, make_sheets
 from app.terminal import JsonLines
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
-from core.adjustment.block_adjustment import adjust_block, one_thread
+from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.expected_gain import expected_gains, measuring_gains
 from core.adjustment.influence import influence_of
 from core.adjustment.weights import Terrain
@@ -340,21 +340,20 @@ class Adjusting:
 
     def evidence(self, report: AdjustmentReport) -> Evidence:
         """What looking at each measurement and measuring more is expected to bring."""
-        with one_thread(len(report.parameters)):
-            # The equations are those of the report, whatever has been chosen since.
-            options = report.options or self._given
-            influence = influence_of(report, options, SILENT, self._terrain)
-            if influence is None:
-                return NO_EVIDENCE
-            block, covariances = report.block, covariances_of(influence)
-            shown = predict_points(block, points_of_user(block), covariances)
-            wanted = [(block.surveyed[key[0]], key[1]) for key in shown]
-            return Evidence(
-                expected_gains(influence),
-                covariances,
-                measuring_gains(influence, wanted, len(report.checks)),
-                influence,
-            )
+        # The equations are those of the report, whatever has been chosen since.
+        influence = influence_of(report, report.options or self._given, SILENT, self._terrain)
+        if influence is None:
+            return NO_EVIDENCE
+        block, covariances = report.block, covariances_of(influence)
+        points = points_of_user(block)
+        shown = predict_points(block, points, covariances)
+        wanted = [(block.surveyed[key[0]], key[1]) for key in shown]
+        return Evidence(
+            expected_gains(influence),
+            covariances,
+            measuring_gains(influence, wanted, len(report.checks)),
+            influence,
+        )
 
     def choose(self, cameras: bool, robust: bool) -> tuple[bool, bool]:
         """Estimate cameras if the block may, look for gross errors or not, from now on: `free`."""

@@ -77,7 +77,7 @@ def test_a_higher_priority_runs_first__truth(tmp_path, three):
         ("block,until\narchive/a,landing\n", "landing"),
         ("block,colour\narchive/a,red\n", "colour"),
         ("block,priority\narchive/a,high\n", "no number"),
-        ("block,priority\narchive/a\n", "1 values"),
+        ("priority,block\n3\n", "row without a block"),
         (b"\xff\xfe\x00", "cannot be read"),
     ],
 )

@@ -493,5 +493,5 @@ def test_an_export_to_a_file_spares_the_block_and_what_is_called_otherwise__law(
         for target in (home / "notes.txt", tmp_path / "scan.tif"):
             assert export_target(session, "odm", target) == target.resolve()
             target.write_text("mine", encoding="utf-8")
-            with pytest.raises(StorageError, match=f"{target.name}: stands there already"):
+            with pytest.raises(StorageError, match=f"{target.name}: is already there"):
                 export_target(session, "odm", target)

@@ -357,7 +357,7 @@ def test_a_folder_or_a_broken_link_called_as_a_scan_is_told__law(folder: Path) -
     (folder / "block.toml").write_text(TOML, encoding="utf-8")
     for odd, made in (("c.tif", Path.mkdir), ("d.tif", lambda path: path.symlink_to("nowhere"))):
         made(folder / "scans" / odd)
-        with pytest.raises(ProjectError, match=f"matches .*{odd}, which is no file"):
+        with pytest.raises(ProjectError, match=f"matches .*{odd}, which is not a file"):
             read_project(folder)
         (folder / "scans" / odd).rename(folder / odd)
 

@@ -17,7 +17,7 @@ from sessions.decisions import (
     SetRole,
     Withdraw,
 )
-from tests.ui.desk_block import tiny_block, tiny_snapshot
+from tests.ui.desk_block import tiny_block
 from ui.review.compare import ground_from_pixel
 from ui.review.drafts import ASKING_SIGMA
 from ui.review.gestures import (
@@ -42,20 +42,9 @@ from ui.review.gestures import (
     Undone,
 )
 from ui.review.outcome import outcome_of
-from ui.review.queue import next_open, seat_down, showing, visible, with_filter
-from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Draft, Extra, Notice, QueueFilter, Seat
+from ui.review.queue import next_open, showing, visible, with_filter
+from ui.review.state import Draft, Extra, Notice, QueueFilter
 from ui.review.trial import Trial
-
-
-@pytest.fixture(scope="module")
-def desk() -> DeskSnapshot:
-    return tiny_snapshot()
-
-
-@pytest.fixture
-def seat(desk: DeskSnapshot) -> Seat:
-    return seat_down(Seat("seat-1", "anna"), desk.rows)
 
 
 def plain(desk, seat):

@@ -2,26 +2,11 @@
 
 from dataclasses import replace
 
-import pytest
-
 from core.quality.job_rules import USUAL_RULES
-from tests.ui.desk_block import tiny_snapshot
 from ui.review.pages import Pages, page_parts, seat_point
-from ui.review.queue import seat_down
-from ui.review.snapshot import DeskSnapshot
 from ui.review.state import Seat
 
 ALWAYS = {"point", "rows", "order", "queue", "scene", "status"}
-
-
-@pytest.fixture(scope="module")
-def desk() -> DeskSnapshot:
-    return tiny_snapshot()
-
-
-@pytest.fixture
-def seat(desk) -> Seat:
-    return seat_down(Seat("seat-1", "anna"), desk.rows)
 
 
 def test_a_page_gets_everything_once__law(desk, seat):

@@ -11,7 +11,7 @@ from core.quality.assessment import assess_block
 from core.quality.rules import judge_block
 from sessions.decisions import Place
 from tests.flights import FlightPlan, fly
-from tests.ui.desk_block import tiny_block, tiny_snapshot
+from tests.ui.desk_block import tiny_block
 from ui.review.compare import made_with
 from ui.review.misfit import Misfit, misfits
 from ui.review.queue import (
@@ -26,19 +26,8 @@ from ui.review.queue import (
     with_filter,
 )
 from ui.review.rows import NO_ROWS, queue_row, row_line
-from ui.review.snapshot import DeskSnapshot
 from ui.review.state import POINT_KINDS, DeskState, Draft, QueueFilter, Seat, Sorting
 from ui.review.trial import TrialWork
-
-
-@pytest.fixture(scope="module")
-def desk() -> DeskSnapshot:
-    return tiny_snapshot()
-
-
-@pytest.fixture
-def seat(desk: DeskSnapshot) -> Seat:
-    return seat_down(Seat("seat-1", "anna"), desk.rows)
 
 
 def test_doubt_finds_the_blunders_first__truth(desk, seat):

@@ -3,26 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from tests.ui.desk_block import tiny_block, tiny_snapshot
+from tests.ui.desk_block import tiny_block
 from ui.review.misfit import Misfit
-from ui.review.queue import (
-    seat_down,
-)
 from ui.review.rows import queue_row, row_line
-from ui.review.snapshot import DeskSnapshot
-from ui.review.state import Extra, Seat
-
-
-@pytest.fixture(scope="module")
-def desk() -> DeskSnapshot:
-    return tiny_snapshot()
-
-
-@pytest.fixture
-def seat(desk: DeskSnapshot) -> Seat:
-    return seat_down(Seat("seat-1", "anna"), desk.rows)
+from ui.review.state import Extra
 
 
 def test_a_decision_changes_its_row_only_as_if_all_were_made_anew__law(desk, seat):

@@ -7,7 +7,7 @@ import pytest
 
 PROGRAM = """
 import ctypes, sys, threading
-from core.heap import share_heaps
+from app.heap import share_heaps
 
 if sys.argv[1] == "shared":
     share_heaps()
