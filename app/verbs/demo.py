@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from app.batch import run_block
 from app.epochs import Epoch
+from app.runners import run_block
 from app.terminal import Voice
 from app.verbs.review import review
 from app.verbs.run import run_options

@@ -6,10 +6,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from app.batch import Batch, BlockTask, listed, run_block
+from app.batch import Batch, listed
+from app.block_tasks import BlockTask
 from app.project import read_project
 from app.report.against import against_told
 from app.run import PAGE, RunOptions
+from app.runners import run_block
 from app.terminal import Voice
 from core.errors import OrientationError
 from ui.words.catalogue import Teller

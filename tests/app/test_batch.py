@@ -1,7 +1,6 @@
-"""Many blocks: lists of every kind, failures that stay where they are, and stopping."""
+"""Many blocks: failures that stay where they are, and stopping."""
 
 import csv
-import pickle
 import re
 import shutil
 import signal
@@ -11,15 +10,10 @@ import time
 from pathlib import Path
 
 import pytest
-from distributed import KilledWorker
 
-from app.batch import TABLE, BlockTask, read_list, run_apart, run_on_cluster, run_silently
-from app.block_toml import FieldError
+from app.batch import TABLE
 from app.cli import DONE, UNUSABLE, main
-from app.project import read_project
 from app.run import NOTHING_STANDS
-from core.errors import ProjectError
-from ui.words.catalogue import Teller
 
 
 def block(folder: Path) -> Path:
@@ -38,16 +32,6 @@ def three(tmp_path):
     return [block(tmp_path / "archive" / name) for name in ("a", "b", "c")]
 
 
-def test_a_folder_a_file_and_a_table_list_the_same_blocks__truth(tmp_path, three):
-    listed = tmp_path / "list.txt"
-    listed.write_text("# rolls\n\narchive/a\narchive/b/block.toml\narchive/c\n", encoding="utf-8")
-    table = tmp_path / "list.csv"
-    table.write_text("block,until\narchive/a,\narchive/b,ties\narchive/c,\n", encoding="utf-8")
-    for source in (tmp_path / "archive", tmp_path / "arch*" / "[abc]", listed, table):
-        assert [task.block.resolve() for task in read_list(source)] == three
-    assert [task.until for task in read_list(table)] == ["", "ties", ""]
-
-
 def test_blocks_that_the_shell_spelt_out_have_their_table_above_them__truth(three):
     assert main(["batch", *map(str, three)]) == UNUSABLE
     told = rows(three[0].parent)
@@ -60,33 +44,6 @@ def test_a_list_that_its_table_would_replace_is_refused__law(tmp_path, three, ca
     assert main(["batch", str(source)]) == UNUSABLE
     assert "Rename it" in capsys.readouterr().err
     assert source.read_text(encoding="utf-8") == "block\narchive/a\n"
-
-
-def test_a_higher_priority_runs_first__truth(tmp_path, three):
-    table = tmp_path / "list.csv"
-    table.write_text("priority,block\n1,archive/a\n,archive/b\n7.5,archive/c\n", encoding="utf-8")
-    assert [task.block.name for task in read_list(table)] == ["c", "a", "b"]
-
-
-@pytest.mark.parametrize(
-    ("text", "cause"),
-    [
-        ("", "lists no block"),
-        ("archive/a\narchive/nowhere\n", "archive/nowhere"),
-        ("archive/a\narchive/a/block.toml\n", "more than once"),
-        ("block,until\narchive/a,landing\n", "landing"),
-        ("block,colour\narchive/a,red\n", "colour"),
-        ("block,priority\narchive/a,high\n", "no number"),
-        ("priority,block\n3\n", "row without a block"),
-        (b"\xff\xfe\x00", "cannot be read"),
-    ],
-)
-def test_a_list_that_cannot_be_used_is_refused_by_name__law(tmp_path, three, text, cause):
-    source = tmp_path / "list.csv"
-    source.write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(ProjectError, match=cause):
-        read_list(source)
-    assert not (tmp_path / TABLE).exists()
 
 
 @pytest.mark.parametrize("executor", ["threads", "processes", "dask"])
@@ -110,60 +67,6 @@ def test_a_block_that_fails_stops_no_other__truth(tiny_run, tmp_path, capsys, ex
     assert found["one"]["findings"].split(":")[0].isdecimal()
 
 
-def test_why_a_block_failed_is_told_in_every_language__law(tmp_path):
-    """A terminal in Czech told of the failures of a batch in English."""
-    task, tell = BlockTask(block(tmp_path / "broken")), Teller("cs")
-    apart = run_apart(task, 1, lambda *_: None, set())
-    with pytest.raises(ProjectError) as error:
-        read_project(task.block)
-    assert apart.message == error.value.told
-    assert tell.again(apart.message) == tell.again(error.value.told) != apart.message
-    # A worker of a cluster sends the error itself, of whatever kind.
-    field = FieldError(
-        "scans", "folder", "block.toml: [scans] folder", "is no folder.", "Name one."
-    )
-    for told in (error.value, field):
-        sent = pickle.loads(pickle.dumps(told))
-        assert (type(sent), vars(sent)) == (type(told), vars(told))
-        assert tell.again(sent.told) == tell.again(told.told)
-
-
-class Ends:
-    """A future of a cluster that ended in one way; a client that hands out one after another."""
-
-    def __init__(self, *ways):
-        self.ways = list(ways)
-
-    def submit(self, *_, pure, priority):
-        assert (pure, priority) == (False, 0.0)
-        return Ends(self.ways.pop(0))
-
-    def exception(self):
-        return self.ways[0] if isinstance(self.ways[0], Exception) else None
-
-    def cancelled(self):
-        return self.ways[0] == "cancelled"
-
-    def result(self):
-        return self.ways[0]
-
-
-def test_a_cluster_runs_a_block_again_when_workers_die_and_not_when_it_fails__law(tmp_path):
-    """A block that could not be used was run six times, and one of four dead workers given up."""
-    task = BlockTask(tmp_path)
-    died = KilledWorker("block", None, 3)
-    assert run_on_cluster(Ends(died, ""), task).state == "done"
-    failed = run_on_cluster(Ends(died, died, ""), task)
-    assert (failed.state, failed.message.split(";")[0]) == (
-        "failed",
-        "every worker that ran it died",
-    )
-    cannot = run_on_cluster(Ends(ProjectError("a.tif", "is cut off.", "Scan it."), ""), task)
-    assert (cannot.state, cannot.message) == ("failed", "a.tif: is cut off. Scan it.")
-    with pytest.raises(ProjectError, match="answers no longer"):
-        run_on_cluster(Ends("cancelled"), task)
-
-
 def test_a_block_in_which_no_photo_stands_is_not_done__truth(tiny_block, tmp_path, capsys):
     """The list said "done" where `gruber report` ends with an error."""
     folder = tmp_path / "archive" / "one"
@@ -180,8 +83,7 @@ def test_a_block_in_which_no_photo_stands_is_not_done__truth(tiny_block, tmp_pat
     row = rows(tmp_path / "archive")["one"]
     assert (row["state"], row["stage"]) == ("failed", "adjustment")
     assert row["message"] == NOTHING_STANDS
-    assert run_silently(BlockTask(folder)) == NOTHING_STANDS
-    for executor in ("threads", "processes"):
+    for executor in ("threads", "processes", "dask"):
         assert main(["run", str(folder), "--executor", executor]) == DONE
         assert NOTHING_STANDS in capsys.readouterr().out
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from app.batch import run_block
 from app.run import RunOptions
+from app.runners import run_block
 from app.terminal import JsonLines
 from tests.browser.conftest import PATIENCE_MS, scene_of
 from tests.browser.hands import (

@@ -20,7 +20,7 @@ import app.verbs.doctor
 import app.verbs.exchange
 import app.verbs.new
 import app.verbs.run  # noqa: F401
-from app.batch import read_list
+from app.block_tasks import read_list
 from app.cli import main
 from app.new_block import recognise
 from app.project import read_project
