@@ -2,27 +2,29 @@
 
 import csv
 import glob
+import io
 import os
 import time
 from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from app.block_tasks import BlockState, BlockTask, read_list
+from app.block_toml import BATCH_TABLE
 from app.run import STAGE_NAMES
 from app.runners import Apart, OnCluster, Runner, dask_client
 from app.terminal import Voice, interruptible
 from core.errors import ProjectError
-from core.formats.records import guarded
+from core.formats.records import guarded, plain_bytes, unguarded
 from core.said import say
 from sessions.atomic_write import whole_file
 
 Executor = Literal["threads", "processes", "dask"]
 EXECUTORS: tuple[Executor, ...] = ("threads", "processes", "dask")
-TABLE = "batch.csv"
 COLUMNS = ("block", "state", "stage", "seconds", "findings", "message")
 # design: often enough for an eye, and nothing for a processor
 LOOK_S = 0.5
@@ -42,11 +44,29 @@ def listed(sources: Sequence[Path], voice: Voice, language: str) -> "Batch":
     if len(sources) > 1 or glob.has_magic(str(first)):
         # The shell may have spelt a pattern out: its blocks have a folder above them.
         first = Path(os.path.commonpath([os.path.abspath(task.block.parent) for task in tasks]))
-    table = (first if first.is_dir() else first.parent) / TABLE
+    table = (first if first.is_dir() else first.parent) / BATCH_TABLE
     if any(os.path.realpath(source) == os.path.realpath(table) for source in sources):
         cause, remedy = "has the name of the table that shows how far each block is.", "Rename it."
         raise ProjectError(table, cause, remedy)
     return Batch(tasks, table, voice)
+
+
+def batch_told(folder: Path) -> dict[str, Any] | None:
+    """How far the blocks of the last batch in a folder are, by their paths; None without one."""
+    table = folder / BATCH_TABLE
+    try:
+        text, written = plain_bytes(table).decode("utf-8"), table.stat().st_mtime
+    except (OSError, UnicodeDecodeError):
+        return None
+    rows = list(csv.DictReader(io.StringIO(text)))
+    if any(not set(COLUMNS) <= row.keys() for row in rows):
+        return None  # another program's table of that name
+    told = {
+        unguarded(row["block"]): [row["state"], row["stage"], unguarded(row["message"])]
+        for row in rows
+    }
+    when = datetime.fromtimestamp(written, UTC).isoformat(timespec="seconds")
+    return {"written": when, "blocks": told}
 
 
 class Batch:
@@ -157,8 +177,14 @@ class Batch:
             rows.writerow(COLUMNS)
             for state in states:
                 row = (state.state, state.stage, state.seconds, state.findings, state.message)
-                rows.writerow([guarded(cell) for cell in (str(state.task.block), *row)])
+                rows.writerow([guarded(cell) for cell in (self._listed(state.task.block), *row)])
         self._written = states
+
+    def _listed(self, block: Path) -> str:
+        """A block as the table names it: by its path from the table where it lies below it."""
+        assert self.table is not None
+        whole, beside = Path(os.path.abspath(block)), Path(os.path.abspath(self.table.parent))
+        return str(whole.relative_to(beside) if beside in whole.parents else whole)
 
     def _refuse_failed(self) -> None:
         failed = [state for state in self.states.values() if state.state == "failed"]

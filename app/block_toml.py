@@ -20,6 +20,8 @@ from core.said import say
 
 FILE = "block.toml"
 """Name of the file in a block's folder."""
+BATCH_TABLE = "batch.csv"
+"""Name of the table that tells how far the blocks of a batch are."""
 RASTERS = frozenset({".tif", ".tiff", ".jp2", ".j2k", ".jpg", ".jpeg", ".png", ".vrt", ".img"})
 """Suffixes a glob for rasters keeps: `scans/*` also meets world files and statistics."""
 _HEADER = re.compile(r"^\s*(?P<open>\[\[?)\s*(?P<name>[^\]]+?)\s*\]")

@@ -16,7 +16,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 from rasterio.errors import RasterioIOError
 
-from app.block_toml import FILE, RASTERS
+from app.block_toml import BATCH_TABLE, FILE, RASTERS
 from core.errors import ReferenceDataError, ScanError
 from core.formats.vectors import GDAL_ERRORS, check_files, no_remarks
 from core.geometry.crs import horizontal
@@ -30,7 +30,7 @@ VECTORS = frozenset({".shp", ".gpkg", ".geojson", ".fgb", ".gml", ".tab", ".dxf"
 """Suffixes of vector files that are looked into."""
 TABLES = frozenset({".csv", ".txt", ".points"})
 """Suffixes of lists; what those of the first two hold, their header tells."""
-OWN = frozenset({"results", "truth", "session.gpkg", "seams.gpkg"})
+OWN = frozenset({"results", "truth", "session.gpkg", "seams.gpkg", BATCH_TABLE})
 """Names that Gruber itself writes."""
 DEPTH = 4
 """How many folders deep to look."""

@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from app.batch import batch_told
 from app.block_form import BlockForm
 from app.block_list import MOST_LISTED, block_told, blocks_in, was_made
 from app.block_toml import FILE, RASTERS
@@ -178,6 +179,7 @@ class Starting:
                 "outlines": [outline.part() for outline in outlines],
                 "form": form.part(),
                 "blocks": self._blocks(),
+                **self.batch(),
                 "links": self._links(),
                 "added": sorted({self._top(path) for path in self._added}),
                 **self._judged(form.project, scans, outlines),
@@ -187,6 +189,10 @@ class Starting:
         """What the blocks of this folder share."""
         with self._comparing:
             return dict(self._archive.figures())
+
+    def batch(self) -> dict[str, Any]:
+        """How far the blocks of this folder are that were run together."""
+        return {"batch": batch_told(self.folder)}
 
     def judge(self, values: Mapping[str, Any], written: Fields = None) -> dict[str, Any]:
         """What is wrong and what is doubtful of the form as it stands, and what it makes again.

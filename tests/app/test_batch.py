@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from app.batch import TABLE
+from app.batch import batch_told
+from app.block_toml import BATCH_TABLE
 from app.cli import DONE, UNUSABLE, main
 from app.run import NOTHING_STANDS
 
@@ -23,7 +24,7 @@ def block(folder: Path) -> Path:
 
 
 def rows(folder: Path) -> dict[str, dict[str, str]]:
-    with (folder / TABLE).open(encoding="utf-8") as file:
+    with (folder / BATCH_TABLE).open(encoding="utf-8") as file:
         return {Path(row["block"]).name: row for row in csv.DictReader(file)}
 
 
@@ -38,8 +39,20 @@ def test_blocks_that_the_shell_spelt_out_have_their_table_above_them__truth(thre
     assert [told[name]["state"] for name in ("a", "b", "c")] == ["failed"] * 3
 
 
+def test_a_table_tells_how_far_its_blocks_are_and_another_program_s_tells_nothing__law(tmp_path):
+    assert batch_told(tmp_path) is None
+    table = tmp_path / BATCH_TABLE
+    table.write_text("block,state\none,done\n", encoding="utf-8")
+    assert batch_told(tmp_path) is None
+    head = "block,state,stage,seconds,findings,message\n"
+    table.write_text(f"{head}1938/one,failed,control,2.5,,'=1 is no CRS.\n", encoding="utf-8")
+    told = batch_told(tmp_path)
+    assert told["blocks"] == {"1938/one": ["failed", "control", "=1 is no CRS."]}
+    assert told["written"].endswith("+00:00")
+
+
 def test_a_list_that_its_table_would_replace_is_refused__law(tmp_path, three, capsys):
-    source = tmp_path / TABLE
+    source = tmp_path / BATCH_TABLE
     source.write_text("block\narchive/a\n", encoding="utf-8")
     assert main(["batch", str(source)]) == UNUSABLE
     assert "Rename it" in capsys.readouterr().err
@@ -59,6 +72,7 @@ def test_a_block_that_fails_stops_no_other__truth(tiny_run, tmp_path, capsys, ex
     assert "1 of 3 blocks failed" in told
     assert "broken" in told
     found = rows(tmp_path)
+    assert set(batch_told(tmp_path)["blocks"]) == {"broken", "one", "two"}
     states = {name: (row["state"], row["stage"]) for name, row in found.items()}
     assert states["one"] == ("done", "scans")
     assert states["two"] == ("done", "georeference")
@@ -97,7 +111,7 @@ def test_run_takes_the_same_executors__truth(tiny_block, tmp_path, capsys, execu
     products = folder / ".gruber" / "products"
     assert (products / "scans").exists()
     assert not (products / "georeference").exists()
-    assert not list(tmp_path.rglob(TABLE))
+    assert not list(tmp_path.rglob(BATCH_TABLE))
     (folder / "dem.tif").unlink()
     assert main(["run", str(folder / "block.toml"), "--executor", executor]) == UNUSABLE
     assert "dem.tif" in capsys.readouterr().err

@@ -2,8 +2,8 @@
 
 import pytest
 
-from app.batch import TABLE
 from app.block_tasks import read_list
+from app.block_toml import BATCH_TABLE
 from core.errors import ProjectError
 from tests.app.test_batch import block
 
@@ -47,4 +47,4 @@ def test_a_list_that_cannot_be_used_is_refused_by_name__law(tmp_path, three, tex
     source.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(ProjectError, match=cause):
         read_list(source)
-    assert not (tmp_path / TABLE).exists()
+    assert not (tmp_path / BATCH_TABLE).exists()

@@ -10,9 +10,8 @@ import time
 import pytest
 from distributed import KilledWorker, LocalCluster
 
-from app.batch import TABLE
 from app.block_tasks import BlockState, BlockTask
-from app.block_toml import FieldError
+from app.block_toml import BATCH_TABLE, FieldError
 from app.cli import DONE, main
 from app.project import read_project
 from app.runners import Apart, OnCluster
@@ -89,7 +88,7 @@ def test_who_stops_a_batch_on_a_cluster_stops_its_workers_too__law(tiny_block, t
     with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
         command = [sys.executable, "-m", "gruber", "batch", str(tmp_path), "--executor", "dask"]
         process = subprocess.Popen([*command, "--scheduler", cluster.scheduler_address])
-        while not (tmp_path / TABLE).exists() or rows(tmp_path)["one"]["stage"] == "":
+        while not (tmp_path / BATCH_TABLE).exists() or rows(tmp_path)["one"]["stage"] == "":
             assert process.poll() is None
             time.sleep(0.1)
         found = rows(tmp_path)

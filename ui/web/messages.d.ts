@@ -658,6 +658,24 @@ interface Judged {
 interface Form extends Judged {
   sections: { table: string; kind: string; fields: FormField[] }[];
 }
+interface FoundBlock {
+  path: string;
+  run: boolean;
+  written: boolean;
+  why: Told;
+  /** Figures of the last report; verdicts with whether they still hold. */
+  sigma: number | null;
+  predicted: number | null;
+  m_p: number | null;
+  open: number;
+  signed: [who: string, verdict: string, holds: boolean][];
+}
+/** The last `gruber batch` over the blocks of a folder. */
+interface Batch {
+  /** When its table was written. */
+  written: string;
+  blocks: Record<string, [state: string, stage: string, message: string]>;
+}
 interface Found {
   folder: string;
   /** The folder of blocks it was chosen in; empty where there is none. */
@@ -671,10 +689,8 @@ interface Found {
   crs: string;
   outlines: { kind: string; name: string; crs: Told; corners: Pair[] }[];
   form: Form;
-  /** Figures of the last report; verdicts with whether they still hold. */
-  blocks: { path: string; run: boolean; written: boolean; why: Told; sigma: number | null;
-    predicted: number | null; m_p: number | null; open: number;
-    signed: [who: string, verdict: string, holds: boolean][] }[];
+  blocks: FoundBlock[];
+  batch: Batch | null;
   links: string[];
   /** Files and folders that were uploaded to this page. */
   added: string[];

@@ -25,6 +25,10 @@ class Starter(Runner, Protocol):
         """What the folder holds and lacks."""
         ...
 
+    def batch(self) -> dict[str, Any]:
+        """How far the blocks of the folder are that were run together."""
+        ...
+
     def neighbours(self) -> dict[str, Any]:
         """What the blocks of the folder share; many of them take a while."""
         ...
@@ -68,6 +72,9 @@ def start_routes(starter: Starter) -> tuple[web.RouteDef, ...]:
     async def found(request: web.Request) -> web.StreamResponse:
         return await _aside(starter.found)
 
+    async def batch(request: web.Request) -> web.StreamResponse:
+        return await _aside(starter.batch)
+
     async def neighbours(request: web.Request) -> web.StreamResponse:
         return await _aside(starter.neighbours)
 
@@ -90,6 +97,7 @@ def start_routes(starter: Starter) -> tuple[web.RouteDef, ...]:
 
     return (
         web.get("/found", found),
+        web.get("/batch", batch),
         web.get("/neighbours", neighbours),
         web.put("/files/{name:.+}", receive),
         web.post("/form/judge", _with_form(starter.judge)),

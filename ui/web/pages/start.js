@@ -1,5 +1,5 @@
 // The start page: what a folder holds and lacks, files into it, its settings, and the run.
-import { again, all, byId, element, fillWords, first, number, renew, start, word }
+import { again, all, byId, element, fillWords, first, renew, start, word }
   from "./words.js";
 import { beginRun, cancelButton, isRunning, lookAgain, post, runLines, runNow, settle, tell,
   watchRun } from "./run.js";
@@ -7,6 +7,7 @@ import { dropWritten, fillFields, formSeen, formShown, formValues, formWritten, 
   recallWritten, showForm } from "./start_form.js";
 import { question } from "./asked.js";
 import { timeOf } from "./keys.js";
+import { blocksPart, watchBatch } from "./start_blocks.js";
 import { drawMap, setUpFilm, showScans } from "./start_film.js";
 import { setUpNeighbours, showNeighbours } from "./neighbours.js";
 import { afterPause } from "./view.js";
@@ -71,42 +72,17 @@ function show() {
     element("div", { id: "holdings" }, ...holdings(found)));
   showGo(found.form);
   first("[data-tab=neighbours]").hidden = found.blocks.filter((one) => one.run).length < 2;
+  watchBatch(found.batch, load);
 }
 
 /** @param {Found} found */
-function folderPart({ folder, blocks, home }) {
+function folderPart({ folder, blocks, batch, home }) {
   const back = home ? [element("div", { class: "acts" }, element("button", { type: "button",
     "data-act": "start.home", title: home, disabled: start.guest, onclick: () => open(home) },
   word("start.home")))] : [];
   const parts = [element("h2", {}, word("start.folder")),
     element("p", { class: "path" }, ...breakable(folder)), ...back];
-  if (!blocks.length) return parts;
-  const lines = blocks.map((one) => {
-    const broken = one.why && one.written;
-    const rejected = one.signed.some(([, verdict, holds]) => holds && verdict === "reject");
-    const sign = broken ? "!" : rejected ? "\u2717" : one.run ? "\u2713" : "\u00b7";
-    return element("li", { class: "have" },
-      element("i", { class: broken || rejected ? "broken" : "" }, sign),
-      element("span", {}, element("button", { disabled: start.guest,
-        onclick: () => open(one.path) }, one.path),
-      element("small", {}, blockTold(one).join(" \u00b7 "))));
-  });
-  return [...parts, element("h2", {}, word("start.blocks")),
-    element("ul", { class: "holds" }, ...lines)];
-}
-
-/** @param {Found["blocks"][number]} block */
-function blockTold({ run: walked, why, written, sigma, predicted, m_p: mp, open: faults, signed }) {
-  const broken = why ? [word("start.block.broken", { why })] : [];
-  if (!written) return [word("start.block.new")];
-  if (!walked) return why ? broken : [word("start.block.unrun")];
-  const figures = Object.entries({ sigma, predicted, read: mp }).filter(([, value]) =>
-    value !== null).map(([name, value]) =>
-    word(`start.block.${name}`, { value: number(value, 2) }));
-  return [...broken, word("start.block.run"), ...figures,
-    ...faults ? [word("start.block.faults", { count: faults })] : [],
-    ...signed.map(([who, verdict, holds]) => word(holds ? "start.block.signed"
-      : "start.block.outdated", { who, verdict: word(`accepted.${verdict}`) }))];
+  return blocks.length ? [...parts, ...blocksPart(blocks, batch, open)] : parts;
 }
 
 function dropPart() {
