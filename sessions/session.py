@@ -92,7 +92,7 @@ class Session:
             with explain_disk_errors(made):
                 made.mkdir(parents=True, exist_ok=True)
         FILES.web_folder = folder / HIDDEN / "web"
-        store = Store.open(folder / FILE)
+        store = Store.open(folder / FILE, used=any((folder / HIDDEN / "products").iterdir()))
         for tended in (folder / HIDDEN, folder / RESULTS):
             clean_leftovers(tended)
         return cls(folder, operator, store)

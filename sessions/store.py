@@ -160,12 +160,18 @@ class Store:
         self._connection = connection
 
     @classmethod
-    def open(cls, path: Path) -> Self:
+    def open(cls, path: Path, used: bool = False) -> Self:
         """Open the session file, made or brought to this version as needed.
 
+        Args:
+            path: Where it lies, or will.
+            used: Whether the block has been worked on, so that an empty file has lost decisions.
+
         Raises:
-            StorageError: Not a session, of a newer version, locked, read-only, or a full disk.
+            StorageError: Not a session, of a newer version, emptied, locked, read-only, or a full
+                disk.
         """
+        emptied = used and path.exists()
         with _told(path):
             connection = sqlite3.connect(
                 path, timeout=BUSY_SECONDS, isolation_level=None, check_same_thread=False
@@ -173,7 +179,7 @@ class Store:
         store = cls(path, connection)
         try:
             with _told(path):
-                store._prepare()
+                store._prepare(emptied)
         except BaseException:
             connection.close()
             raise
@@ -251,7 +257,7 @@ class Store:
             self._leave_wal()
         self._connection.close()
 
-    def _prepare(self) -> None:
+    def _prepare(self, emptied: bool = False) -> None:
         self._connection.execute("PRAGMA synchronous = EXTRA")
         with suppress(sqlite3.OperationalError):
             # QGIS edits in WAL mode and holds on to it; appending is as safe in either.
@@ -260,7 +266,12 @@ class Store:
         if self._version() < newest():
             with self.writing() as transaction:
                 # Asked again under the lock: another process may just have made the file.
-                for step in steps_from(self._version()):
+                version = self._version()
+                if emptied and version == 0:
+                    cause = "is empty: the decisions of this block are lost."
+                    remedy = "Put a copy of it in its place, or delete it to begin without any."
+                    raise StorageError(self.path, cause, remedy)
+                for step in steps_from(version):
                     _take(step, transaction)
 
     def _clear_up(self) -> None:

@@ -49,7 +49,7 @@ from sessions.decisions import (
     Withdraw,
     standing,
 )
-from sessions.session import Session
+from sessions.session import FILE, Session
 from sessions.store import Store
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -276,6 +276,23 @@ def test_a_folder_of_ours_that_links_to_one_about_the_block_is_told__law(tmp_pat
     with pytest.raises(StorageError, match="link to a folder that holds the block"):
         Session.open(block, "ada")
     assert [path.name for path in tmp_path.iterdir()] == ["block"]
+
+
+def test_an_emptied_session_of_a_block_with_products_is_told_and_not_begun_anew__law(
+    tmp_path: Path,
+) -> None:
+    Session.open(tmp_path, "anna").close()
+    file = tmp_path / FILE
+    # Nothing was made yet: a process was killed as it began the file.
+    file.write_bytes(b"")
+    with Session.open(tmp_path, "anna") as session:
+        session.products.save_value("scans", session.products.digest_of("scans"), [1])
+    file.write_bytes(b"")
+    with pytest.raises(StorageError, match="decisions of this block are lost"):
+        Session.open(tmp_path, "anna")
+    assert file.read_bytes() == b""
+    file.unlink()
+    Session.open(tmp_path, "anna").close()
 
 
 def test_a_session_that_is_looked_at_is_read_and_never_written__law(tmp_path: Path) -> None:
