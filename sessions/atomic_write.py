@@ -1,11 +1,12 @@
 """Files and folders that appear whole or not at all, whenever the process is killed."""
 
+import glob
 import os
 import re
 import shutil
 import time
 import uuid
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -75,7 +76,12 @@ def clean_leftovers(folder: Path) -> tuple[Path, ...]:
     Returns:
         What was removed.
     """
-    removed = tuple(path for path in folder.rglob(".*.part-*") if _is_left_over(path))
+    return _cleaned(folder.rglob(".*.part-*"))
+
+
+def _cleaned(paths: Iterable[Path]) -> tuple[Path, ...]:
+    """Those of some paths that were left over; they are removed."""
+    removed = tuple(path for path in paths if _is_left_over(path))
     for path in removed:
         with suppress(OSError):
             _remove(path)
@@ -84,7 +90,11 @@ def clean_leftovers(folder: Path) -> tuple[Path, ...]:
 
 @contextmanager
 def _temporary(path: Path) -> Generator[Path]:
-    """A free name beside `path`; whatever bears it afterwards is removed."""
+    """A free name beside `path`; whatever bears it afterwards is removed.
+
+    What was left over of an earlier write of `path` is removed, too.
+    """
+    _cleaned(path.parent.glob(f".{glob.escape(path.stem)}.part-*"))
     token = uuid.uuid4().hex[:12]
     name = path.with_name(f".{path.stem}.part-{this_process()}-{token}")
     temporary = name.with_name(name.name + path.suffix)
