@@ -23,6 +23,7 @@ from app.heap import share_heaps
 from app.terminal import JsonLines, Terminal, Voice
 from app.usage import Parser, Verbs, asked_language, asked_verb, teller_of_usage
 from core.errors import Cancelled, PhotogrammetryError
+from sessions.processes import end_with_starter
 from ui.words.catalogue import LANGUAGES
 
 DONE, UNUSABLE, CANCELLED = 0, 1, 130
@@ -51,6 +52,7 @@ def program() -> None:
     """
     signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     share_heaps()
+    end_with_starter()
     code = main()
     sys.stdout.flush()
     sys.stderr.flush()

@@ -87,11 +87,10 @@ def origin_files(results: Path) -> OriginFiles:
 def epoch_of(folder: Path) -> Epoch | Said:
     """The epoch of a block's folder, or why it is none."""
     if not (folder / FILE).is_file():
-        return say("{folder} is no block: it has no {file}.", folder=folder, file=FILE)
+        return say("is no block: it has no {file}.", file=FILE)
     epoch = Epoch(folder)
     if not epoch.mosaic.is_file():
-        told = "{folder} has no mosaic yet. Run it first: {command}"
-        return say(told, folder=folder, command=_command(folder))
+        return say("has no mosaic yet. Run it first: {command}.", command=_command(folder))
     return epoch
 
 
@@ -111,7 +110,7 @@ def named_epoch(table: Table, ties: bool) -> Epoch:
     found = epoch_of(folder)
     if not isinstance(found, Epoch):
         remedy = say("Correct the path; it is relative to {file}.", file=FILE)
-        raise table.error("block", found, remedy)
+        raise table.error("block", say("{folder} {why}", folder=folder, why=found), remedy)
     if ties and (way := _way_back(folder, own.resolve())):
         cause = say(
             "the blocks go in a circle: {names}.", names=" → ".join(one.name for one in way)

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 import signal
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from app.terminal import JsonLines, Voice
 from core.errors import Cancelled, PhotogrammetryError, ProjectError
 from core.said import say
 from sessions.codec import from_json
+from sessions.processes import STARTED_BY, this_process
 from sessions.session import Session
 
 CANCELLED = 130
@@ -84,6 +86,7 @@ class Apart:
             stderr=subprocess.STDOUT,
             text=True,
             start_new_session=True,
+            env=os.environ | {STARTED_BY: this_process()},
         ) as process:
             self._processes.add(process)
             assert process.stdout is not None

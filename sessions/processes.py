@@ -2,12 +2,15 @@
 
 import json
 import os
+import signal
 import socket
+import time
 import zlib
 from collections.abc import Generator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
+from threading import Thread
 
 import psutil
 from filelock import lock_descriptor
@@ -21,6 +24,11 @@ LOCKED = b" "
 """What stands before the holder in a lock file."""
 # design: Linux counts in hundredths of a second; nothing starts twice under one number in less.
 TICKS_A_SECOND = 100
+STARTED_BY = "GRUBER_STARTED_BY"
+"""Variable of the environment that names the process with which one is to end."""
+# design: a block that nobody waits for is let go of in seconds.
+LOOK_S = 2.0
+"""How often it is looked whether the other one is alive."""
 
 
 def this_process() -> str:
@@ -38,6 +46,19 @@ def is_alive(process: str) -> bool:
         return host != _host() or _start_of(int(number)) == start
     except psutil.AccessDenied:
         return True
+
+
+def end_with_starter() -> None:
+    """Interrupt this process, as Ctrl-C does, once the one that started it for its own is gone."""
+    starter = os.environ.get(STARTED_BY, "")
+    if starter:
+        Thread(target=_wait_for_end, args=(starter,), name="starter", daemon=True).start()
+
+
+def _wait_for_end(starter: str) -> None:
+    while is_alive(starter):
+        time.sleep(LOOK_S)
+    os.kill(os.getpid(), signal.SIGINT)
 
 
 @contextmanager

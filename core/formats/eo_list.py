@@ -207,7 +207,7 @@ def _lines(path: Path) -> list[tuple[int, str]]:
         raise ProjectError(
             path,
             "The exterior orientation list cannot be read ({error}).",
-            "Check the path of `exterior` in [scans]; the list is UTF-8 text.",
+            "Give the path of a text file in UTF-8.",
             error=error,
         ) from error
     every = ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1))

@@ -133,22 +133,39 @@ def test_modules_that_lie_beside_the_blocks_are_not_run__law(three, monkeypatch)
     assert not (beside / "hijacked").exists()
 
 
-@pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
-def test_who_stops_it_stops_the_runs_under_way_and_the_next_call_resumes__law(
-    tiny_block, tmp_path, asked
-):
+@pytest.fixture
+def begun(tiny_block, tmp_path):
+    """A batch over one block, begun; its scans are measured."""
     shutil.copytree(tiny_block, tmp_path / "one")
     command = [sys.executable, "-m", "gruber", "batch", str(tmp_path)]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
-    products = tmp_path / "one" / ".gruber" / "products" / "scans"
-    while not products.exists():
-        assert process.poll() is None
-        time.sleep(0.1)
-    process.send_signal(asked)
-    _, told = process.communicate(timeout=90)
-    assert process.returncode == 130
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL) as process:
+        while not (tmp_path / "one" / ".gruber" / "products" / "scans").exists():
+            assert process.poll() is None
+            time.sleep(0.1)
+        yield process
+
+
+@pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
+def test_who_stops_it_stops_the_runs_under_way_and_the_next_call_resumes__law(
+    begun, tmp_path, asked
+):
+    begun.send_signal(asked)
+    _, told = begun.communicate(timeout=90)
+    assert begun.returncode == 130
     assert b"stopped" in told
     assert rows(tmp_path)["one"]["state"] == "waiting"
     (tmp_path / "list.csv").write_text("block,until\none,scans\n", encoding="utf-8")
     assert main(["batch", str(tmp_path / "list.csv")]) == DONE
     assert rows(tmp_path)["one"]["state"] == "done"
+
+
+def test_the_runs_of_a_killed_batch_end_too__law(begun, tmp_path):
+    """They held their blocks until they had run them to their end."""
+    command = ["run", str(tmp_path / "one"), "--until", "scans"]
+    assert main(command) == UNUSABLE  # another one is at work
+    begun.kill()
+    begun.wait()
+    given_up = time.monotonic() + 30
+    while main(command) != DONE:
+        assert time.monotonic() < given_up
+        time.sleep(0.5)
