@@ -3,6 +3,7 @@
 import asyncio
 import gzip
 import json
+import logging
 import re
 import secrets
 import socket
@@ -15,6 +16,7 @@ from typing import Any, Self, cast
 
 import aiohttp
 from aiohttp import WSMsgType, web
+from aiohttp.http_exceptions import HttpProcessingError
 
 from core.errors import PhotogrammetryError
 from core.said import Said, say
@@ -106,6 +108,15 @@ class FrontInputs:
     """Of the texts until a page chooses; that of each browser when empty."""
 
 
+def is_ours(record: logging.LogRecord) -> bool:
+    """False for what came in and was no request: it was answered, and is not told again here."""
+    return not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError))
+
+
+logger = logging.getLogger(__name__)
+logger.addFilter(is_ours)
+
+
 class Front:
     """An aiohttp server in a thread of its own."""
 
@@ -166,7 +177,9 @@ class Front:
             self._loop.close()
 
     async def _serve(self) -> None:
-        runner = web.AppRunner(self._application(), access_log=None, shutdown_timeout=1)
+        runner = web.AppRunner(
+            self._application(), access_log=None, shutdown_timeout=1, logger=logger
+        )
         await runner.setup()
         try:
             family = socket.AF_INET6 if ":" in self._host else socket.AF_INET

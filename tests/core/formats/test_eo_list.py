@@ -101,7 +101,7 @@ def test_unusable_list_says_why__truth(tmp_path: Path, text: str, words: str) ->
 
 
 def test_missing_list_says_so__truth(tmp_path: Path) -> None:
-    with pytest.raises(ProjectError, match=r"cannot be read.*`exterior`"):
+    with pytest.raises(ProjectError, match=r"cannot be read.*UTF-8"):
         read_eo_list(tmp_path / "none.csv")
 
     with pytest.raises(ProjectError, match="stands twice, in row 2 already"):

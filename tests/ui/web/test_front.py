@@ -294,6 +294,16 @@ class Answerer:
         return web.Response(text="here")
 
 
+def test_what_is_no_request_is_answered_and_fills_no_terminal__law(inputs, caplog):
+    with (
+        Visitor(inputs) as visitor,
+        socket.create_connection(("127.0.0.1", visitor.front.port)) as line,
+    ):
+        line.sendall(b"GET / HTTP/1.1\r\nX-Long: " + b"a" * 200_000 + b"\r\n\r\n")
+        assert b" 400 " in line.recv(1000)
+    assert caplog.records == []
+
+
 def test_a_front_that_is_closed_lets_go_of_what_answered__law(inputs):
     """Every desk that had been open stayed in memory, with the scans and tiles it had read."""
     answerer = Answerer()
