@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from shutil import disk_usage
 
 import numpy as np
 from shapely.geometry import box
@@ -12,7 +13,7 @@ from app.block_sections import OrthoSection
 from app.project import Project
 from app.surface import chosen_ground, usable_parts
 from core.block import Block, Photo
-from core.errors import ProjectError, ScanError
+from core.errors import ProjectError, ScanError, StorageError
 from core.formats.vectors import read_mask_polygons
 from core.geometry.areas import Area, only_areas
 from core.geometry.crs import parse_crs
@@ -35,6 +36,8 @@ from sessions.session import Session
 
 FOLDER = "ortho"
 """Of the results."""
+LEAST_BYTES = 0.1  # design: smooth film, enlarged and deflated, takes more
+"""A pixel of an ortho takes on the disk."""
 SIGHT_VERSION = 1
 """Counted up when the same heights hide other pixels than before."""
 
@@ -63,11 +66,12 @@ def make_orthos(
 
     Raises:
         PhotogrammetryError: As `pictured` and `read_polygons`, or no photo reaches the area.
+        StorageError: The disk has no room for so many pixels.
     """
     digest_of, usable = session.products.digest_of, usable_parts(session)
     options = _options(project.ortho)
     heights, corrections = chosen_ground(session, project, dem, block.search_bounds)
-    orthos, places = list[OrthoProduct](), list(_places(session, project, block, heights))
+    orthos, places = list[OrthoProduct](), _with_room(session, project, block, heights)
     wanted, made_now = len(places) if only is None else max(len(only), 1), 0
     for photo, grid, part in places:
         camera, stage = block.camera_of(photo.photo_id), f"ortho/{photo.photo_id}"
@@ -172,6 +176,24 @@ def _check_any(orthos: Sequence[OrthoProduct], project: Project) -> None:
 def _nowhere(area: Path | None) -> ProjectError:
     cause = "lies where no photo of the block shows anything."
     return ProjectError(str(area), cause, "Give an area in the block, and check its CRS.")
+
+
+def _with_room(
+    session: Session, project: Project, block: Block, heights: Heights
+) -> list[tuple[Photo, Grid, Area | None]]:
+    """As `_places`; refuses at once what will not fit on the disk, as with a pixel of 1 mm."""
+    folder, places = session.results / FOLDER, list(_places(session, project, block, heights))
+    missing = [
+        grid for photo, grid, _ in places if not (folder / f"{photo.photo_id}.tif").is_file()
+    ]
+    pixels = float(sum(grid.rows * grid.columns for grid in missing))
+    free = disk_usage(folder.parent).free
+    if pixels * LEAST_BYTES > free:
+        cause = "has room for {free:.1f} GB, and orthos of {gsd:g} m have {count:.0f} Gpx."
+        values = {"free": free / 1e9, "gsd": missing[0].ground_sample_distance_m}
+        remedy = "Give a larger gsd_m or an area in [ortho], or make room."
+        raise StorageError(folder, cause, remedy, count=pixels / 1e9, **values)
+    return places
 
 
 def _options(section: OrthoSection) -> OrthoOptions:

@@ -13,7 +13,7 @@ from shapely.geometry import box
 import app.orthos
 from app.block_sections import OrthoSection
 from app.orthos import default_gsd_m, make_orthos
-from core.errors import Cancelled, ProjectError
+from core.errors import Cancelled, ProjectError, StorageError
 from core.formats.vectors import write_polygons
 from core.mosaic.composition import MosaicProduct
 from core.mosaic.seams import Seam
@@ -201,3 +201,11 @@ def test_a_setting_makes_again_what_it_touches_and_nothing_else__law(tmp_path, m
             orthos(box(*(edge + 1e5 for edge in wide.bounds)))
         with pytest.raises(ProjectError, match="no polygons"):
             orthos(shapely.MultiPolygon())
+
+
+def test_orthos_that_can_never_fit_are_refused_before_the_first__truth(tmp_path, made):
+    fine = SimpleNamespace(**vars(PROJECT) | {"ortho": OrthoSection(gsd_m=1e-5)})
+    with Session.open(tmp_path, "anna") as session:
+        with pytest.raises(StorageError, match=r"has room for .* have \d+ Gpx"):
+            make_orthos(session, fine, BLOCK, GROUND, SILENT)
+        assert not made
