@@ -65,8 +65,7 @@ def make_orthos(
         only: Make no others than these; the rest stays as it is.
 
     Raises:
-        PhotogrammetryError: As `pictured` and `read_polygons`, or no photo reaches the area.
-        StorageError: The disk has no room for so many pixels.
+        PhotogrammetryError: As `pictured` and `read_polygons`; no photo reaches the area, no room.
     """
     digest_of, usable = session.products.digest_of, usable_parts(session)
     options = _options(project.ortho)
