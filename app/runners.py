@@ -168,8 +168,7 @@ class OnCluster:
         self.client, self.told = client, told
         self.name = f"gruber-{uuid4().hex}"
         self._lock = Lock()
-        self._tasks: dict[str, BlockTask] = {}
-        self._futures: dict[str, Any] = {}
+        self._under_way: dict[str, tuple[BlockTask, Any]] = {}
         self._begun: set[str] = set()
         client.subscribe_topic(self.name, self._hear)
 
@@ -183,15 +182,16 @@ class OnCluster:
 
         whole = replace(task, block=task.block.resolve())
         block, future, error = str(whole.block), None, None
-        self._tasks[block] = task
         for _ in range(HANDED_OUT):
             how = {"pure": False, "priority": task.priority}
-            self._futures[block] = future = self.client.submit(run_there, whole, self.name, **how)
+            with self._lock:
+                future = self.client.submit(run_there, whole, self.name, **how)
+                self._under_way[block] = task, future
             error = future.exception()
             if not isinstance(error, KilledWorker):
                 break
         with self._lock:  # what is heard of it from here on comes late
-            del self._tasks[block]
+            del self._under_way[block]
         assert future is not None
         if future.cancelled():
             remedy = "Start it again and give the same command again; finished blocks stay."
@@ -206,23 +206,30 @@ class OnCluster:
         """Take back what has not begun, and wait until the workers have stopped the rest."""
         from distributed import Event
 
-        if self.client.status != "running":
+        if not self._under_way or self.client.status != "running":
             return
         # It stays set: a worker that takes a block just now asks for it later.
         Event(self.name, client=self.client).set()
-        for block in self._tasks.keys() - self._begun:
-            self._futures[block].cancel()
+        with self._lock:
+            waiting = [pair for block, pair in self._under_way.items() if block not in self._begun]
+        for _, future in waiting:
+            future.cancel()
         given_up = time.monotonic() + PATIENCE_S
-        while self._tasks.keys() & self._begun and time.monotonic() < given_up:
+        while self._runs() and time.monotonic() < given_up:
             time.sleep(ASKED_EACH_S / 10)
+
+    def _runs(self) -> bool:
+        """Whether a worker still holds a block."""
+        with self._lock:
+            return not self._begun.isdisjoint(self._under_way)
 
     def _hear(self, event: tuple[float, dict[str, str]]) -> None:
         """A worker told of a stage that begins."""
         _, said = event
         with self._lock:
-            if task := self._tasks.get(said["block"]):
+            if said["block"] in self._under_way:
                 self._begun.add(said["block"])
-                self.told(task, said["stage"])
+                self.told(self._under_way[said["block"]][0], said["stage"])
 
 
 class FromWorker(JsonLines):
