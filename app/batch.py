@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TextIO, get_args
 
-from app.block_tasks import BlockState, BlockTask, read_list
+from app.block_tasks import BlockState, BlockTask, State, read_list
 from app.block_toml import BATCH_TABLE
 from app.run import STAGE_NAMES
 from app.runners import Apart, OnCluster, Runner, dask_client
@@ -51,22 +51,35 @@ def listed(sources: Sequence[Path], voice: Voice, language: str) -> "Batch":
     return Batch(tasks, table, voice)
 
 
+def _is_state(row: list[str]) -> bool:
+    """True for a row of the table as `Batch` writes it."""
+    if len(row) != len(COLUMNS):
+        return False
+    return row[1] in get_args(State) and row[2] in ("", *STAGE_NAMES)
+
+
 def batch_told(folder: Path) -> dict[str, Any] | None:
     """How far the blocks of the last batch in a folder are, by their paths; None without one."""
     table = folder / BATCH_TABLE
     try:
         text, written = plain_bytes(table).decode("utf-8"), table.stat().st_mtime
-    except (OSError, UnicodeDecodeError):
+        head, *rows = csv.reader(io.StringIO(text, newline="")) or [[]]
+    except (OSError, ValueError, csv.Error):
         return None
-    rows = list(csv.DictReader(io.StringIO(text)))
-    if any(not set(COLUMNS) <= row.keys() for row in rows):
-        return None  # another program's table of that name
+    # Another program may have one of that name, and a person may have changed ours.
+    if tuple(head) != COLUMNS or not all(_is_state(row) for row in rows):
+        return None
     told = {
-        unguarded(row["block"]): [row["state"], row["stage"], unguarded(row["message"])]
-        for row in rows
+        unguarded(block): [state, stage, unguarded(message)]
+        for block, state, stage, _, _, message in rows
     }
     when = datetime.fromtimestamp(written, UTC).isoformat(timespec="seconds")
     return {"written": when, "blocks": told}
+
+
+def _opened(table: Path) -> TextIO:
+    """A table to be written; a name that is no UTF-8 is spelt out."""
+    return table.open("w", encoding="utf-8", errors="backslashreplace")
 
 
 class Batch:
@@ -172,7 +185,7 @@ class Batch:
         states = tuple(self.states.values())
         if self.table is None or states == self._written:
             return
-        with whole_file(self.table) as temporary, temporary.open("w", encoding="utf-8") as file:
+        with whole_file(self.table) as temporary, _opened(temporary) as file:
             rows = csv.writer(file, lineterminator="\n")
             rows.writerow(COLUMNS)
             for state in states:

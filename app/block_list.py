@@ -23,7 +23,7 @@ from sessions.session import HIDDEN, RESULTS, Session
 from sessions.sheet_samples import sheets_on_disk
 
 MOST_LISTED = 500
-"""Folders that are listed at once."""
+"""Folders that a page lists at once."""
 BLOCKS_DEPTH = 2
 """How deep a folder is looked through for blocks."""
 
@@ -41,7 +41,7 @@ def blocks_in(folder: Path) -> list[dict[str, Any]]:
             "path": path.parent.relative_to(folder).as_posix(),
             "run": was_made(path.parent, "control"),
         }
-        for path in sorted(found)[:MOST_LISTED]
+        for path in sorted(found)
     ]
 
 

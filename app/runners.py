@@ -70,6 +70,7 @@ class Apart:
     def __init__(self, threads: int, told: Told) -> None:
         """Runs with so many pieces of a stage side by side."""
         self.threads, self.told = threads, told
+        self._stopped = False
         self._processes: set[subprocess.Popen[str]] = set()
 
     def run(self, task: BlockTask) -> BlockState:
@@ -85,6 +86,7 @@ class Apart:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
+            errors="backslashreplace",  # of a name that is no UTF-8
             start_new_session=True,
             env=os.environ | {STARTED_BY: this_process()},
         ) as process:
@@ -107,7 +109,8 @@ class Apart:
             code = process.wait()
         self._processes.discard(process)
         seconds = round(time.monotonic() - started, 1)
-        if code == CANCELLED:
+        # Python tells of an interruption in its own way before the program has begun.
+        if code == CANCELLED or (self._stopped and code and not why):
             return BlockState(task, "waiting", stage, seconds)
         if code == 0 and not why:
             return BlockState(task, "done", stage, seconds)
@@ -116,6 +119,7 @@ class Apart:
 
     def stop(self) -> None:
         """Hand Ctrl-C on, and wait until the processes have ended."""
+        self._stopped = True
         for process in tuple(self._processes):
             process.send_signal(signal.SIGINT)
         for process in tuple(self._processes):

@@ -179,6 +179,7 @@ class Starting:
                 "outlines": [outline.part() for outline in outlines],
                 "form": form.part(),
                 "blocks": self._blocks(),
+                "unlisted": max(len(blocks_in(self.folder)) - MOST_LISTED, 0),
                 **self.batch(),
                 "links": self._links(),
                 "added": sorted({self._top(path) for path in self._added}),
@@ -332,10 +333,13 @@ class Starting:
         return path.relative_to(self.folder).parts[0]
 
     def _blocks(self) -> list[dict[str, Any]]:
-        """Blocks in this folder, and folders of scans beside them that may become one."""
+        """Blocks in this folder, and folders of scans beside them that may become one.
+
+        Of very many blocks the first; how good each is takes its session.
+        """
         found = [
             one | {"written": True} | block_told(self.folder / one["path"])
-            for one in blocks_in(self.folder)
+            for one in blocks_in(self.folder)[:MOST_LISTED]
         ]
         paths = [Path(str(one["path"])) for one in found]
         new = folders_of_scans(self.folder) if found else []

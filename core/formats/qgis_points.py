@@ -165,6 +165,8 @@ def _numbers(path: Path, rows: list[list[str]], places: dict[str, int]) -> np.nd
             + [float(row[places["enable"]]) if "enable" in places else 1.0]
             for row in rows
         ]
+        if not np.isfinite(values).all():
+            raise ValueError("a number is not finite")
     except (ValueError, IndexError) as error:
         raise ScanError(
             path, "A row is not of numbers: {error}.", "Save the points again in QGIS.", error=error

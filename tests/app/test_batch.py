@@ -1,6 +1,7 @@
 """Many blocks: failures that stay where they are, and stopping."""
 
 import csv
+import os
 import re
 import shutil
 import signal
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from app.batch import batch_told
+from app.block_tasks import read_list
 from app.block_toml import BATCH_TABLE
 from app.cli import DONE, UNUSABLE, main
 from app.run import NOTHING_STANDS
@@ -39,6 +41,18 @@ def test_blocks_that_the_shell_spelt_out_have_their_table_above_them__truth(thre
     assert [told[name]["state"] for name in ("a", "b", "c")] == ["failed"] * 3
 
 
+def test_every_block_is_run_however_many_there_are_and_whatever_their_names__law(tmp_path, capsys):
+    names = [f"b{number:03d}" for number in range(505)]
+    for name in names:
+        block(tmp_path / name)
+    assert len(read_list(tmp_path)) == len(names)
+    odd = tmp_path / "few" / os.fsdecode(b"bad\xff")
+    block(odd)
+    assert main(["batch", str(odd.parent)]) == UNUSABLE
+    assert "1 of 1 blocks failed" in capsys.readouterr().err
+    assert rows(odd.parent)["bad\\udcff"]["state"] == "failed"
+
+
 def test_a_table_tells_how_far_its_blocks_are_and_another_program_s_tells_nothing__law(tmp_path):
     assert batch_told(tmp_path) is None
     table = tmp_path / BATCH_TABLE
@@ -46,6 +60,10 @@ def test_a_table_tells_how_far_its_blocks_are_and_another_program_s_tells_nothin
     assert batch_told(tmp_path) is None
     head = "block,state,stage,seconds,findings,message\n"
     table.write_text(f"{head}1938/one,failed,control,2.5,,'=1 is no CRS.\n", encoding="utf-8")
+    (tmp_path / "spoilt").mkdir()
+    for spoilt in ("one,done", "one,gone,ties,0,,", "one,done,landing,0,,", "a\rb,done,,0,,"):
+        (tmp_path / "spoilt" / BATCH_TABLE).write_bytes(f"{head}{spoilt}\n".encode())
+        assert batch_told(tmp_path / "spoilt") is None
     told = batch_told(tmp_path)
     assert told["blocks"] == {"1938/one": ["failed", "control", "=1 is no CRS."]}
     assert told["written"].endswith("+00:00")

@@ -690,6 +690,8 @@ interface Found {
   outlines: { kind: string; name: string; crs: Told; corners: Pair[] }[];
   form: Form;
   blocks: FoundBlock[];
+  /** How many more there are. */
+  unlisted: number;
   batch: Batch | null;
   links: string[];
   /** Files and folders that were uploaded to this page. */

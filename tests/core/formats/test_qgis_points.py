@@ -99,7 +99,8 @@ def test_found_with_either_name__truth(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [("", "no points"), ("mapX,mapY,sourceX,enable\n1,2,3,1\n", "sourceY is missing"),
-     (NOW + "1,2,x,4,1,0,0,0\n", "not of numbers"), (NOW + "1,2\n", "not of numbers")],
+     (NOW + "1,2,x,4,1,0,0,0\n", "not of numbers"), (NOW + "1,2\n", "not of numbers"),
+     (NOW + "1,2,3,-inf,1,0,0,0\n", "not finite")],
 )  # fmt: skip
 def test_unusable_points_say_why__truth(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "bad.points"

@@ -76,13 +76,14 @@ function show() {
 }
 
 /** @param {Found} found */
-function folderPart({ folder, blocks, batch, home }) {
+function folderPart(found) {
+  const { folder, blocks, home } = found;
   const back = home ? [element("div", { class: "acts" }, element("button", { type: "button",
     "data-act": "start.home", title: home, disabled: start.guest, onclick: () => open(home) },
   word("start.home")))] : [];
   const parts = [element("h2", {}, word("start.folder")),
     element("p", { class: "path" }, ...breakable(folder)), ...back];
-  return blocks.length ? [...parts, ...blocksPart(blocks, batch, open)] : parts;
+  return blocks.length ? [...parts, ...blocksPart(found, open)] : parts;
 }
 
 function dropPart() {

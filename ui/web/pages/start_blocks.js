@@ -5,15 +5,14 @@ const LOOK_MS = 3000; // design: a stage takes seconds to minutes
 const STATES = ["running", "waiting", "failed", "done"];
 const state = { batch: /** @type {Batch | null} */ (null), timer: 0 };
 
-/**
- * @param {FoundBlock[]} blocks @param {Batch | null} batch
- * @param {(path: string) => void} choose
- */
-export function blocksPart(blocks, batch, choose) {
+/** @param {Found} found @param {(path: string) => void} choose */
+export function blocksPart({ blocks, unlisted, batch }, choose) {
   state.batch = batch;
+  const more = unlisted ? [element("p", { class: "note" },
+    word("start.blocks.unlisted", { count: unlisted }))] : [];
   return [element("h2", {}, word("start.blocks")),
     element("p", { id: "batch", class: "note" }, batchTold()),
-    element("ul", { class: "holds" }, ...blocks.map((one) => blockLine(one, choose)))];
+    element("ul", { class: "holds" }, ...blocks.map((one) => blockLine(one, choose))), ...more];
 }
 
 /** @param {FoundBlock} block @param {(path: string) => void} choose */
