@@ -17,14 +17,17 @@ from app.block_tasks import BlockState, BlockTask, State, read_list
 from app.block_toml import BATCH_TABLE
 from app.run import STAGE_NAMES
 from app.runners import Apart, OnCluster, Runner, dask_client
+from app.settings import Settings
 from app.terminal import Voice, interruptible
 from core.errors import ProjectError
 from core.formats.records import guarded, plain_bytes, unguarded
 from core.said import say
 from sessions.atomic_write import whole_file
+from sessions.processes import only_run
 
 Executor = Literal["threads", "processes", "dask"]
 EXECUTORS: tuple[Executor, ...] = ("threads", "processes", "dask")
+LOCK = ".batch.lock"
 COLUMNS = ("block", "state", "stage", "seconds", "findings", "message")
 # design: often enough for an eye, and nothing for a processor
 LOOK_S = 0.5
@@ -115,26 +118,24 @@ class Batch:
         progress = self.voice.stage("batch", "Blocks")
         started = time.monotonic()
         width = {"threads": 1, "processes": workers, "dask": len(self.states)}[executor]
-        try:
-            # The pool is left last: what a cluster did not stop ends when its client closes.
-            with (
-                ThreadPoolExecutor(width, thread_name_prefix="block") as pool,
-                self._runner(executor, workers, scheduler) as runner,
-                interruptible() as ask,
-            ):
-                waiting = {pool.submit(self._follow, runner, task) for task in self.tasks}
-                try:
-                    while waiting:
-                        done, waiting = wait(waiting, LOOK_S, FIRST_COMPLETED)
-                        for one in done:
-                            one.result()
-                        self._write()
-                        ask.watching(progress).report(*self._progress())
-                finally:
-                    pool.shutdown(wait=False, cancel_futures=True)
-                    runner.stop()
-        finally:
-            self._write()
+        # The pool is left last: what a cluster did not stop ends when its client closes.
+        with (
+            self._alone(),
+            ThreadPoolExecutor(width, thread_name_prefix="block") as pool,
+            self._runner(executor, workers, scheduler) as runner,
+            interruptible() as ask,
+        ):
+            waiting = {pool.submit(self._follow, runner, task) for task in self.tasks}
+            try:
+                while waiting:
+                    done, waiting = wait(waiting, LOOK_S, FIRST_COMPLETED)
+                    for one in done:
+                        one.result()
+                    self._write()
+                    ask.watching(progress).report(*self._progress())
+            finally:
+                pool.shutdown(wait=False, cancel_futures=True)
+                runner.stop()
         told = str(self.table or self.tasks[0].block)
         self.voice.ended("batch", "Blocks", time.monotonic() - started, told)
         self._refuse_failed()
@@ -145,11 +146,25 @@ class Batch:
         return tuple(state.task for state in self.states.values())
 
     @contextmanager
+    def _alone(self) -> Generator[None]:
+        """Be the only one who writes the table."""
+        if self.table is None:
+            yield
+            return
+        with only_run(self.table.parent / LOCK, Settings().operator, batch=True):
+            try:
+                yield
+            finally:
+                self._write()
+
+    @contextmanager
     def _runner(self, executor: Executor, workers: int, scheduler: str) -> Generator[Runner]:
         """What runs one block."""
         if executor == "dask":
             with dask_client(scheduler) as client:
-                yield OnCluster(client, self._tell)
+                if not client.scheduler_info()["workers"]:
+                    self.voice.say(say("The cluster has no workers yet. Blocks wait for one."))
+                yield OnCluster(client, self._tell, self.tasks)
         elif executor == "processes" and len(self.states) > 1:
             yield Apart(1, self._tell)
         else:

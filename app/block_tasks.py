@@ -3,6 +3,7 @@
 import csv
 import glob
 import json
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,8 @@ from core.formats.records import plain_bytes
 
 State = Literal["waiting", "running", "done", "failed"]
 LISTED = ("block", "priority", "until")
+DELIMITERS = ",;\t"
+"""Of a table: what spreadsheets write, by their language."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,20 +112,27 @@ def _rows(source: Path) -> list[dict[str, str]]:
     """Rows of a list, by column."""
     try:
         text = plain_bytes(source).decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+        tables = ([*csv.reader(lines, delimiter=sign)] for sign in DELIMITERS)
+        table = next((rows for rows in tables if rows and "block" in map(_head, rows[0])), None)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         remedy = "Name a folder, or a text file in UTF-8 with the path of a block a line."
         raise ProjectError(source, "cannot be read.", remedy) from error
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    head = [name.strip().lower() for name in lines[0].split(",")] if lines else []
-    if "block" not in head:
+    if table is None:
         return [{"block": line.strip()} for line in lines]
+    head = [_head(cell) for cell in table[0]]
     if unknown := [name for name in head if name not in LISTED]:
         cause, remedy = "has an unknown column {name}.", "Its columns are {names}."
         raise ProjectError(source, cause, remedy, name=unknown[0], names=LISTED)
-    rows = [dict(zip(head, row, strict=False)) for row in csv.reader(lines[1:])]
+    rows = [dict(zip(head, row, strict=False)) for row in table[1:]]
     if any(not row.get("block", "").strip() for row in rows):
         raise ProjectError(source, "has a row without a block.", "Give every row the path of one.")
     return rows
+
+
+def _head(cell: str) -> str:
+    """A column's name."""
+    return cell.strip().lower()
 
 
 def _task(source: Path, row: dict[str, str]) -> BlockTask:
@@ -137,8 +147,11 @@ def _task(source: Path, row: dict[str, str]) -> BlockTask:
         cause, remedy = "names an unknown stage {name}.", "Stages are {names}."
         raise ProjectError(source, cause, remedy, name=until, names=", ".join(STAGE_NAMES))
     try:
-        return BlockTask(block, float(priority or 0), until)
-    except ValueError as error:
+        weight = float(priority or 0)
+    except ValueError:
+        weight = math.nan
+    if not math.isfinite(weight):
         cause = "gives {block} the priority {value}, which is no number."
         values = {"block": row["block"].strip(), "value": priority}
-        raise ProjectError(source, cause, "Use a number; higher runs first.", **values) from error
+        raise ProjectError(source, cause, "Use a number; higher runs first.", **values)
+    return BlockTask(block, weight, until)

@@ -50,7 +50,7 @@ def program() -> None:
     After Ctrl-C it does not wait for threads that still compute: nothing they do is kept. What asks
     it to end is as Ctrl-C, so that what it has started ends with it.
     """
-    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    signal.signal(signal.SIGTERM, end_as_ctrl_c)
     share_heaps()
     end_with_starter()
     code = main()
@@ -59,6 +59,13 @@ def program() -> None:
     if code == CANCELLED:
         os._exit(code)
     sys.exit(code)
+
+
+def end_as_ctrl_c(*_: object) -> None:
+    """End as Ctrl-C does, also where a shell keeps that from what runs in the background."""
+    if not callable(signal.getsignal(signal.SIGINT)):
+        raise KeyboardInterrupt
+    signal.raise_signal(signal.SIGINT)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

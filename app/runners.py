@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -115,6 +115,10 @@ class Apart:
         if code == 0 and not why:
             return BlockState(task, "done", stage, seconds)
         ended = say("exit code {code}", code=code)
+        if code < 0:
+            ended = say(
+                "its process was killed (signal {number}), often as memory ran out.", number=-code
+            )
         return BlockState(task, "failed", stage, seconds, why or last or ended, ended_early=early)
 
     def stop(self) -> None:
@@ -150,7 +154,8 @@ def dask_client(scheduler: str) -> Any:
         remedy = "Install it: pip install 'gruber[cluster]'."
         raise ProjectError("dask", "is not installed.", remedy) from error
     # A lost connection stands in our error; its own words would be pages of calls.
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+    for room in ("client", "nanny"):
+        logging.getLogger(f"distributed.{room}").setLevel(logging.CRITICAL)
     try:
         if scheduler:
             return Client(scheduler)
@@ -167,14 +172,19 @@ class OnCluster:
     Another worker takes over from one that dies, where that one had got to: finished stages stay.
     """
 
-    def __init__(self, client: Any, told: Told) -> None:
-        """Runs of one call, which the cluster tells from others by a name of its own."""
+    def __init__(self, client: Any, told: Told, tasks: Sequence[BlockTask]) -> None:
+        """Runs of one call, which the cluster tells from others by a name of its own.
+
+        They are handed out here, one after the other: a worker holds on to what it was given.
+        """
         self.client, self.told = client, told
         self.name = f"gruber-{uuid4().hex}"
         self._lock = Lock()
         self._under_way: dict[str, tuple[BlockTask, Any]] = {}
         self._begun: set[str] = set()
         client.subscribe_topic(self.name, self._hear)
+        for task in tasks:
+            self._hand_out(task)
 
     def run(self, task: BlockTask) -> BlockState:
         """Run one block; done, failed, or waiting again where it was stopped.
@@ -184,19 +194,14 @@ class OnCluster:
         """
         from distributed import KilledWorker
 
-        whole = replace(task, block=task.block.resolve())
-        block, future, error = str(whole.block), None, None
-        for _ in range(HANDED_OUT):
-            how = {"pure": False, "priority": task.priority}
-            with self._lock:
-                future = self.client.submit(run_there, whole, self.name, **how)
-                self._under_way[block] = task, future
+        block, error = str(task.block.resolve()), None
+        for turn in range(HANDED_OUT):
+            future = self._under_way[block][1] if turn == 0 else self._hand_out(task)
             error = future.exception()
             if not isinstance(error, KilledWorker):
                 break
         with self._lock:  # what is heard of it from here on comes late
-            del self._under_way[block]
-        assert future is not None
+            _, future = self._under_way.pop(block)
         if future.cancelled():
             remedy = "Start it again and give the same command again; finished blocks stay."
             raise ProjectError("dask scheduler", "answers no longer.", remedy)
@@ -205,6 +210,15 @@ class OnCluster:
         died = say("every worker that ran it died; their logs say why, often too little memory.")
         why = died if isinstance(error, KilledWorker) else str(error)
         return BlockState(task, "failed", message=why)
+
+    def _hand_out(self, task: BlockTask) -> Any:
+        """Hand a block to the cluster; its future."""
+        whole = replace(task, block=task.block.resolve())
+        how = {"pure": False, "priority": task.priority}
+        with self._lock:
+            future = self.client.submit(run_there, whole, self.name, **how)
+            self._under_way[str(whole.block)] = task, future
+        return future
 
     def stop(self) -> None:
         """Take back what has not begun, and wait until the workers have stopped the rest."""
@@ -250,7 +264,7 @@ class FromWorker(JsonLines):
 
         super().__init__()
         self.worker, self.call, self.block = get_worker(), call, str(block)
-        self.stopped = Event(call)
+        self.key, self.stopped = self.worker.get_current_task(), Event(call)
         self.asked = 0.0
 
     def write(self, message: dict[str, object]) -> None:
@@ -259,11 +273,12 @@ class FromWorker(JsonLines):
             self.worker.log_event(self.call, {"block": self.block, "stage": message["stage"]})
 
     def report(self, done: float, total: float, what: str = "") -> None:
-        """Stop here when the caller has asked; raises `Cancelled`."""
+        """Stop here when the caller has asked, or is gone; raises `Cancelled`."""
         if time.monotonic() - self.asked < ASKED_EACH_S:
             return
+        task = self.worker.state.tasks.get(self.key)
         try:
-            stop = self.stopped.is_set()
+            stop = task is None or task.state == "cancelled" or self.stopped.is_set()
         except OSError:
             stop = True  # without its scheduler nobody hears of the block any more
         if stop:

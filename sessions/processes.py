@@ -62,31 +62,32 @@ def _wait_for_end(starter: str) -> None:
 
 
 @contextmanager
-def only_run(path: Path, operator: str) -> Generator[None]:
-    """Hold the block's lock; the kernel lets go of it when the process dies, however it dies.
+def only_run(path: Path, operator: str, batch: bool = False) -> Generator[None]:
+    """Hold a lock on a block; the kernel lets go of it when the process dies, however it dies.
 
     Args:
         path: The lock file; what it holds is only for the message to others.
         operator: Who runs.
+        batch: The lock is one on a batch of many blocks.
 
     Raises:
-        StorageError: Another run is at work in the same block.
+        StorageError: Another run is at work in the same block, or the same batch.
     """
     with explain_disk_errors(path):
         file = path.open("ab")
     with file:
-        _lock(path, file.fileno())
+        _lock(path, file.fileno(), batch)
         with explain_disk_errors(path):
             _sign(file.fileno(), operator)
         yield
 
 
-def _lock(path: Path, descriptor: int) -> None:
+def _lock(path: Path, descriptor: int, batch: bool) -> None:
     try:
         # A child that was forked would keep the lock; one started by a command does not, and the
         # program starts no others.
         if not lock_descriptor(descriptor, blocking=False):
-            raise _taken(path, _holder(path))
+            raise _taken(path, _holder(path), batch)
     except OSError as error:
         remedy = "Copy the block to a local disk and work there."
         raise StorageError(
@@ -115,12 +116,10 @@ def _holder(path: Path) -> str:
         return "another process"
 
 
-def _taken(path: Path, who: str) -> StorageError:
-    return StorageError(
-        path,
-        say("shows that {who} is working on this block.", who=who),
-        "Wait for that run, or end it.",
-    )
+def _taken(path: Path, who: str, batch: bool) -> StorageError:
+    one = say("shows that {who} is working on this block.", who=who)
+    many = say("shows that {who} is running this batch.", who=who)
+    return StorageError(path, many if batch else one, "Wait for that run, or end it.")
 
 
 def _host() -> str:

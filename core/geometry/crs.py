@@ -206,14 +206,16 @@ def operation_between(
             group = TransformerGroup(
                 source, target, always_xy=True, area_of_interest=area, allow_ballpark=False
             )
+            lacking = sorted(
+                {g.short_name for op in group.unavailable_operations for g in op.grids}
+            )
+            if not group.transformers and not lacking:
+                # Nobody knows how the datums differ: told by an accuracy that is not known.
+                group = TransformerGroup(source, target, always_xy=True, area_of_interest=area)
         except (IndexError, ProjError) as error:
             # A CRS that reads as one, and whose numbers PROJ cannot compute with.
             cause = say("PROJ cannot compute with its CRS {crs}.", crs=short_name(CRS(source)))
             raise CrsError(where, cause, "Give the file a valid CRS.") from error
-        lacking = sorted({g.short_name for op in group.unavailable_operations for g in op.grids})
-        if not group.transformers and not lacking:
-            # Nobody knows how the datums differ: told by an accuracy that is not known.
-            group = TransformerGroup(source, target, always_xy=True, area_of_interest=area)
     if not group.transformers and lacking:
         raise CrsError(
             where,

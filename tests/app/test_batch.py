@@ -177,13 +177,16 @@ def test_who_stops_it_stops_the_runs_under_way_and_the_next_call_resumes__law(
     assert rows(tmp_path)["one"]["state"] == "done"
 
 
-def test_the_runs_of_a_killed_batch_end_too__law(begun, tmp_path):
+def test_the_runs_of_a_killed_batch_end_too__law(begun, tmp_path, capsys):
     """They held their blocks until they had run them to their end."""
     command = ["run", str(tmp_path / "one"), "--until", "scans"]
     assert main(command) == UNUSABLE  # another one is at work
+    assert main(["batch", str(tmp_path)]) == UNUSABLE
+    assert "is running this batch" in capsys.readouterr().err
+    assert rows(tmp_path)["one"]["state"] == "running"
     begun.kill()
     begun.wait()
-    given_up = time.monotonic() + 30
+    given_up = time.monotonic() + 90
     while main(command) != DONE:
         assert time.monotonic() < given_up
         time.sleep(0.5)

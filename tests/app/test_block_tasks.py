@@ -21,6 +21,10 @@ def test_a_folder_a_file_and_a_table_list_the_same_blocks__truth(tmp_path, three
     for source in (tmp_path / "archive", tmp_path / "arch*" / "[abc]", listed, table):
         assert [task.block.resolve() for task in read_list(source)] == three
     assert [task.until for task in read_list(table)] == ["", "ties", ""]
+    # As spreadsheets of other languages and R write it.
+    for sign in ";\t":
+        table.write_text(f'"block"{sign}"until"\n"archive/a"{sign}"ties"\n', encoding="utf-8")
+        assert [(one.block.name, one.until) for one in read_list(table)] == [("a", "ties")]
 
 
 def test_a_higher_priority_runs_first__truth(tmp_path, three):
@@ -38,6 +42,7 @@ def test_a_higher_priority_runs_first__truth(tmp_path, three):
         ("block,until\narchive/a,landing\n", "landing"),
         ("block,colour\narchive/a,red\n", "colour"),
         ("block,priority\narchive/a,high\n", "no number"),
+        ("block,priority\narchive/a,nan\n", "no number"),
         ("priority,block\n3\n", "row without a block"),
         (b"\xff\xfe\x00", "cannot be read"),
     ],

@@ -5,6 +5,7 @@ import signal
 
 import pytest
 
+from app.cli import end_as_ctrl_c
 from app.terminal import interruptible
 from core.errors import Cancelled
 from core.progress import Silent
@@ -29,3 +30,15 @@ def test_ctrl_c_is_handled_as_before_afterwards__law() -> None:
     with interruptible():
         assert signal.getsignal(signal.SIGINT) is not before
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_what_runs_in_the_background_of_a_shell_ends_when_asked__law() -> None:
+    """A shell without a terminal keeps Ctrl-C from what it begins with `&`; SIGTERM did nothing."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            end_as_ctrl_c()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    with interruptible(), pytest.raises(KeyboardInterrupt):
+        end_as_ctrl_c()

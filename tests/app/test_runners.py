@@ -65,7 +65,7 @@ def test_a_cluster_runs_a_block_again_when_workers_die_and_not_when_it_fails__la
     """A block that could not be used was run six times, and one of four dead workers given up."""
 
     def ended(*ways):
-        return OnCluster(Ends(*ways), lambda *_: None).run(task)
+        return OnCluster(Ends(*ways), lambda *_: None, [task]).run(task)
 
     task = BlockTask(tmp_path)
     died, done = KilledWorker("block", None, 3), BlockState(task, "done")
@@ -86,11 +86,7 @@ def test_who_stops_a_batch_on_a_cluster_stops_its_workers_too__law(tiny_block, t
     for name in ("one", "two"):
         shutil.copytree(tiny_block, tmp_path / name)
     with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
-        command = [sys.executable, "-m", "gruber", "batch", str(tmp_path), "--executor", "dask"]
-        process = subprocess.Popen([*command, "--scheduler", cluster.scheduler_address])
-        while not (tmp_path / BATCH_TABLE).exists() or rows(tmp_path)["one"]["stage"] == "":
-            assert process.poll() is None
-            time.sleep(0.1)
+        process = begun(tmp_path, cluster.scheduler_address)
         found = rows(tmp_path)
         assert [found[name]["state"] for name in ("one", "two")] == ["running", "waiting"]
         process.send_signal(signal.SIGINT)
@@ -99,3 +95,21 @@ def test_who_stops_a_batch_on_a_cluster_stops_its_workers_too__law(tiny_block, t
         # The worker lives, and holds none of them.
         for name in ("one", "two"):
             assert main(["run", str(tmp_path / name), "--until", "scans"]) == DONE
+        process = begun(tmp_path, cluster.scheduler_address)
+        process.kill()
+        process.wait()
+        given_up = time.monotonic() + 90
+        while main(["run", str(tmp_path / "one"), "--until", "scans"]) != DONE:
+            assert time.monotonic() < given_up
+            time.sleep(0.5)
+
+
+def begun(folder, scheduler):
+    """A batch on a cluster, whose first block has begun."""
+    (folder / BATCH_TABLE).unlink(missing_ok=True)
+    command = [sys.executable, "-m", "gruber", "batch", str(folder), "--executor", "dask"]
+    process = subprocess.Popen([*command, "--scheduler", scheduler])
+    while not (folder / BATCH_TABLE).exists() or rows(folder)["one"]["stage"] == "":
+        assert process.poll() is None
+        time.sleep(0.1)
+    return process

@@ -255,3 +255,6 @@ $END
     pixel = pixels_of(below, block.photos["a"], block.camera_of("a"))[0]
     np.testing.assert_allclose(pixel, [50, 40])
     np.testing.assert_allclose(block.ties.pixels, [[60, 20]])
+    path.write_text(photo + camera.replace("10 0 49.5", "1e307 0 49.5"))
+    with pytest.raises(ProjectError, match="give no pixels"):
+        read_inpho(path)
