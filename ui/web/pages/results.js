@@ -15,6 +15,8 @@ const state = {
   /** Whether long work was under way when that was asked last, and when it is asked again. */
   busy: { sheets: false, export: false },
   timers: { sheets: 0, export: 0 },
+  /** Until the list is renewed. */
+  listed: Promise.resolve(),
 };
 /** Long work that others may have begun, by its address, and what is said of it. */
 const WORKS = {
@@ -178,8 +180,10 @@ async function watch(name) {
   }
   const ended = state.busy[name] && !busy;
   state.busy[name] = busy;
-  // What was made is there, and what it took the place of is gone.
-  if (ended) await listAgain();
+  // What was made is there, and what it took the place of is gone. Another look may have begun to
+  // list it: what is said below stays where it is only when that is done.
+  if (ended) state.listed = listAgain();
+  await state.listed;
 }
 
 /** Map sheets of the mosaic. */

@@ -19,13 +19,14 @@ export function blocksPart({ blocks, unlisted, batch }, choose) {
 function blockLine(block, choose) {
   const broken = block.why && block.written;
   const rejected = block.signed.some(([, verdict, holds]) => holds && verdict === "reject");
+  const now = stateTold(block.path);
   const sign = broken ? "!" : rejected ? "\u2717" : block.run ? "\u2713" : "\u00b7";
   return element("li", { class: "have" },
     element("i", { class: broken || rejected ? "broken" : "" }, sign),
     element("span", {}, element("button", { disabled: start.guest,
       onclick: () => choose(block.path) }, block.path),
-    element("small", {}, blockTold(block).join(" \u00b7 ")),
-    element("small", { "data-batch": block.path }, stateTold(block.path))));
+    element("small", {}, now && !block.run ? "" : blockTold(block).join(" \u00b7 ")),
+    element("small", { "data-batch": block.path }, now)));
 }
 
 /** @param {FoundBlock} block */
