@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from playwright.sync_api import Route
 
 from app.misfit import PLACES
 from core.mosaic.fault_places import FaultPlace
@@ -469,6 +470,26 @@ def test_long_work_is_seen_and_cancelled_whoever_opens_the_results__law(
     assert page.is_visible("text=points.csv")
     assert page.is_hidden(f"#{name}-cancel")
     assert page.inner_text(f"#{name}-said") == ""
+
+
+def test_what_an_export_says_waits_for_the_list_that_another_look_renews__law(
+    sit_at: Sit, real_desk: RealDesk
+) -> None:
+    """The list above grew afterwards and pushed it below the edge of the sheet."""
+    page, asked, listed = sit_at(real_desk.desk.url, scene=False), list[Route](), list[Route]()
+    page.click("#results-open")
+    page.wait_for_selector(".files:not([aria-busy])")
+    page.route("**/results/", lambda route: listed.append(route))
+    page.route("**/export/*", lambda route: asked.append(route))
+    page.route("**/export", lambda route: route.fulfill(json={"busy": False}))
+    with page.expect_request("**/results/"):
+        page.click("#export-begin")
+    with page.expect_response("**/export"):
+        asked.pop().fulfill(json={"error": "no room"})
+    drawn(page)
+    assert "no room" not in page.inner_text("#export-said")
+    listed.pop().fulfill(json=[["export/points.csv", 5]])
+    page.wait_for_selector("#export-said:has-text('no room')")
 
 
 def test_an_export_is_taken_from_the_results__truth(sit_at: Sit, real_desk: RealDesk) -> None:
