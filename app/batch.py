@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal, TextIO, get_args
+from typing import Any, Literal, get_args
 
 from app.block_tasks import BlockState, BlockTask, State, read_list
 from app.block_toml import BATCH_TABLE
@@ -66,7 +66,7 @@ def batch_told(folder: Path) -> dict[str, Any] | None:
     table = folder / BATCH_TABLE
     try:
         text, written = plain_bytes(table).decode("utf-8"), table.stat().st_mtime
-        head, *rows = csv.reader(io.StringIO(text, newline="")) or [[]]
+        head, *rows = csv.reader(io.StringIO(text, newline=""))
     except (OSError, ValueError, csv.Error):
         return None
     # Another program may have one of that name, and a person may have changed ours.
@@ -78,11 +78,6 @@ def batch_told(folder: Path) -> dict[str, Any] | None:
     }
     when = datetime.fromtimestamp(written, UTC).isoformat(timespec="seconds")
     return {"written": when, "blocks": told}
-
-
-def _opened(table: Path) -> TextIO:
-    """A table to be written; a name that is no UTF-8 is spelt out."""
-    return table.open("w", encoding="utf-8", errors="backslashreplace")
 
 
 class Batch:
@@ -163,7 +158,7 @@ class Batch:
         if executor == "dask":
             with dask_client(scheduler) as client:
                 if not client.scheduler_info()["workers"]:
-                    self.voice.say(say("The cluster has no workers yet. Blocks wait for one."))
+                    self.voice.say(say("The cluster has no workers yet. Blocks wait."))
                 yield OnCluster(client, self._tell, self.tasks)
         elif executor == "processes" and len(self.states) > 1:
             yield Apart(1, self._tell)
@@ -200,7 +195,11 @@ class Batch:
         states = tuple(self.states.values())
         if self.table is None or states == self._written:
             return
-        with whole_file(self.table) as temporary, _opened(temporary) as file:
+        odd = "backslashreplace"  # of a name that is no UTF-8
+        with (
+            whole_file(self.table) as temporary,
+            temporary.open("w", encoding="utf-8", errors=odd) as file,
+        ):
             rows = csv.writer(file, lineterminator="\n")
             rows.writerow(COLUMNS)
             for state in states:

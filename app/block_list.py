@@ -28,21 +28,15 @@ BLOCKS_DEPTH = 2
 """How deep a folder is looked through for blocks."""
 
 
-def blocks_in(folder: Path) -> list[dict[str, Any]]:
-    """Blocks below a folder, with whether they were run; none in a block's own folder."""
+def blocks_in(folder: Path) -> list[str]:
+    """Paths of the blocks below a folder, from there; none in a block's own folder."""
     if (folder / FILE).is_file():
         return []
     found: list[Path] = []
     for depth in range(1, BLOCKS_DEPTH + 1):
         with suppress(OSError):
             found += folder.glob("/".join(["*"] * depth + [FILE]))
-    return [
-        {
-            "path": path.parent.relative_to(folder).as_posix(),
-            "run": was_made(path.parent, "control"),
-        }
-        for path in sorted(found)
-    ]
+    return [path.parent.relative_to(folder).as_posix() for path in sorted(found)]
 
 
 def block_told(folder: Path) -> dict[str, Any]:

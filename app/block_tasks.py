@@ -96,7 +96,7 @@ def _tasks(source: Path) -> list[BlockTask]:
     if (source / FILE).is_file():
         return [BlockTask(source)]
     if source.is_dir():
-        tasks = [BlockTask(source / found["path"]) for found in blocks_in(source)]
+        tasks = [BlockTask(source / path) for path in blocks_in(source)]
     elif glob.has_magic(str(source)) and not source.exists():
         found = (Path(path) for path in sorted(glob.glob(str(source), recursive=True)))
         tasks = [BlockTask(path) for path in found if (path / FILE).is_file()]

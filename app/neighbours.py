@@ -99,7 +99,7 @@ class Archive:
     def figures(self, progress: Progress = SILENT) -> Figures:
         """Every pair of blocks that share a photo, a point or ground, the least likely first."""
         found = blocks_in(self.folder)
-        listed = [str(one["path"]) for one in found if one["run"]]
+        listed = [path for path in found if was_made(self.folder / path, "control")]
         blocks: list[KnownBlock] = []
         left_out: list[Figures] = []
         for number, path in enumerate(listed):
@@ -465,6 +465,6 @@ def archive_of(folder: Path) -> Archive:
         raise PhotogrammetryError(folder, "is a block.", "Name the folder above it.")
     if not folder.is_dir():
         raise PhotogrammetryError(folder, "is no folder.", remedy)
-    if not any(was_made(folder / str(one["path"]), "control") for one in blocks_in(folder)):
+    if not any(was_made(folder / path, "control") for path in blocks_in(folder)):
         raise PhotogrammetryError(folder, "holds no block that was run.", remedy)
     return Archive(folder)

@@ -188,7 +188,7 @@ def _with_room(
     pixels = float(sum(grid.rows * grid.columns for grid in missing))
     free = disk_usage(folder.parent).free
     if pixels * LEAST_BYTES > free:
-        cause = "has room for {free:.1f} GB, and orthos of {gsd:g} m have {count:.0f} Gpx."
+        cause = "has room for {free:.1f} GB, too little for {count:.0f} Gpx of orthos at {gsd:g} m."
         values = {"free": free / 1e9, "gsd": missing[0].ground_sample_distance_m}
         remedy = "Give a larger gsd_m or an area in [ortho], or make room."
         raise StorageError(folder, cause, remedy, count=pixels / 1e9, **values)

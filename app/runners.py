@@ -117,7 +117,8 @@ class Apart:
         ended = say("exit code {code}", code=code)
         if code < 0:
             ended = say(
-                "its process was killed (signal {number}), often as memory ran out.", number=-code
+                "its process was killed (signal {number}), often because memory ran out.",
+                number=-code,
             )
         return BlockState(task, "failed", stage, seconds, why or last or ended, ended_early=early)
 

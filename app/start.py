@@ -178,8 +178,7 @@ class Starting:
                 "crs": crs,
                 "outlines": [outline.part() for outline in outlines],
                 "form": form.part(),
-                "blocks": self._blocks(),
-                "unlisted": max(len(blocks_in(self.folder)) - MOST_LISTED, 0),
+                **self._blocks(),
                 **self.batch(),
                 "links": self._links(),
                 "added": sorted({self._top(path) for path in self._added}),
@@ -332,22 +331,26 @@ class Starting:
         """The file or folder of this folder that an uploaded file is, or lies in."""
         return path.relative_to(self.folder).parts[0]
 
-    def _blocks(self) -> list[dict[str, Any]]:
+    def _blocks(self) -> dict[str, Any]:
         """Blocks in this folder, and folders of scans beside them that may become one.
 
         Of very many blocks the first; how good each is takes its session.
         """
-        found = [
-            one | {"written": True} | block_told(self.folder / one["path"])
-            for one in blocks_in(self.folder)[:MOST_LISTED]
+        paths = blocks_in(self.folder)
+        taken = {place for path in paths for place in (Path(path), *Path(path).parents)}
+        scans = folders_of_scans(self.folder) if paths else []
+        new = [name for name in scans if Path(name) not in taken]
+        listed = [(path, True) for path in paths[:MOST_LISTED]] + [(name, False) for name in new]
+        blocks = [
+            {
+                "path": path,
+                "run": written and was_made(self.folder / path, "control"),
+                "written": written,
+                **block_told(self.folder / path),
+            }
+            for path, written in listed
         ]
-        paths = [Path(str(one["path"])) for one in found]
-        new = folders_of_scans(self.folder) if found else []
-        return found + [
-            {**block_told(self.folder / name), "path": name, "run": False, "written": False}
-            for name in new
-            if not any(Path(name) in (path, *path.parents) for path in paths)
-        ]
+        return {"blocks": blocks, "unlisted": len(paths[MOST_LISTED:])}
 
     def open(self, path: str) -> dict[str, Any]:
         """Go on with this folder's desk, or with another folder.

@@ -269,7 +269,7 @@ class Store:
                 version = self._version()
                 if emptied and version == 0:
                     cause = "is empty: the decisions of this block are lost."
-                    remedy = "Put a copy of it in its place, or delete it to begin without any."
+                    remedy = "Restore a copy of it, or delete it to begin without decisions."
                     raise StorageError(self.path, cause, remedy)
                 for step in steps_from(version):
                     _take(step, transaction)

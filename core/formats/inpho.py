@@ -284,7 +284,7 @@ class _Project:
             block = with_interiors(given, cameras, photos)
         pixels = [(one.column, one.row) for one in block.measurements]
         if not (np.isfinite(pixels).all() and np.isfinite(block.ties.pixels).all()):
-            cause = "its interior orientations give no pixels."
+            cause = "its interior orientations give no finite pixel coordinates."
             raise ProjectError(self.path, cause, "Correct $CCD_INTERIOR_ORIENTATION.")
         return block
 

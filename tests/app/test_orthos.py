@@ -206,6 +206,6 @@ def test_a_setting_makes_again_what_it_touches_and_nothing_else__law(tmp_path, m
 def test_orthos_that_can_never_fit_are_refused_before_the_first__truth(tmp_path, made):
     fine = SimpleNamespace(**vars(PROJECT) | {"ortho": OrthoSection(gsd_m=1e-5)})
     with Session.open(tmp_path, "anna") as session:
-        with pytest.raises(StorageError, match=r"has room for .* have \d+ Gpx"):
+        with pytest.raises(StorageError, match=r"has room for .* too little for \d+ Gpx"):
             make_orthos(session, fine, BLOCK, GROUND, SILENT)
         assert not made

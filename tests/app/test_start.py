@@ -332,7 +332,7 @@ def test_a_block_in_the_list_tells_figures_open_faults_and_who_signed__truth(
 
 
 def test_a_folder_of_blocks_lists_them_and_opens_one__truth(
-    tiny_block: Path, tmp_path: Path
+    tiny_block: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.copytree(tiny_block, tmp_path / "many" / "one")
     (tmp_path / "many" / "empty").mkdir()
@@ -345,7 +345,9 @@ def test_a_folder_of_blocks_lists_them_and_opens_one__truth(
     shutil.copytree(tiny_block / "ortho", tmp_path / "many" / "shared")
     new = bare | {"path": "new", "written": False}
     assert starting.found()["blocks"] == [bare, new]
-    assert [one["path"] for one in blocks_in(tmp_path / "many")] == ["one"]
+    assert blocks_in(tmp_path / "many") == ["one"]
+    monkeypatch.setattr("app.start.MOST_LISTED", 0)
+    assert (starting.found()["blocks"], starting.found()["unlisted"]) == ([new], 1)
     assert blocks_in(tmp_path / "many" / "one") == []
     with pytest.raises(PhotogrammetryError):
         starting.open("nowhere")

@@ -291,41 +291,43 @@ def test_each_upload_is_cancelled_at_its_own_line_and_drops_follow_in_turn__law(
     assert page.locator(".upload .doubted").count() == 2
 
 
-def test_a_folder_of_blocks_lacks_nothing_of_a_block__law(chromium, tiny_block, tmp_path):
-    shutil.copytree(tiny_block, tmp_path / "many" / "one")
+@pytest.fixture
+def started(chromium, tmp_path):
+    """The start page of the folder `many`, in a browser of its own."""
+    (tmp_path / "many").mkdir()
     context = chromium.new_context(bypass_csp=True)
     context.set_default_timeout(PATIENCE_MS)
     with open_start(tmp_path / "many", "127.0.0.1", 0) as opened:
         page = context.new_page()
-        page.goto(opened.url)
-        page.wait_for_selector("#files .have:has-text('one')")
-        assert page.locator("#holdings .lacks, #holdings .needs").count() == 0
-        assert "to be filled in" not in page.inner_text("#go")
+        yield lambda: page.goto(opened.url) and page
     context.close()
 
 
-def test_the_list_of_blocks_follows_a_batch__truth(chromium, tiny_block, tmp_path):
+def test_a_folder_of_blocks_lacks_nothing_of_a_block__law(started, tiny_block, tmp_path):
+    shutil.copytree(tiny_block, tmp_path / "many" / "one")
+    page = started()
+    page.wait_for_selector("#files .have:has-text('one')")
+    assert page.locator("#holdings .lacks, #holdings .needs").count() == 0
+    assert "to be filled in" not in page.inner_text("#go")
+
+
+def test_the_list_of_blocks_follows_a_batch__truth(started, tiny_block, tmp_path):
     for name in ("one", "two"):
         shutil.copytree(tiny_block, tmp_path / "many" / name)
     table = tmp_path / "many" / BATCH_TABLE
     head = "block,state,stage,seconds,findings,message\n"
     table.write_text(f"{head}one,running,ties,0,,\ntwo,waiting,,0,,\n", encoding="utf-8")
-    context = chromium.new_context(bypass_csp=True)
-    context.set_default_timeout(PATIENCE_MS)
-    with open_start(tmp_path / "many", "127.0.0.1", 0) as opened:
-        page = context.new_page()
-        page.goto(opened.url)
-        page.wait_for_selector("#batch:has-text('1 running, 1 waiting')")
-        page.wait_for_selector("[data-batch=one]:has-text('tie points between the scans')")
-        table.write_text(f"{head}one,running,control,0,,\ntwo,waiting,,0,,\n", encoding="utf-8")
-        page.wait_for_selector("[data-batch=one]:has-text('control points and the block')")
-        cut = "a.tif: is cut off. Scan it."
-        table.write_text(f"{head}one,failed,scans,3,,{cut}\ntwo,done,report,9,0,\n", "utf-8")
-        page.wait_for_selector(f"[data-batch=one]:has-text('{cut}')")
-        page.wait_for_selector("#batch:has-text('1 failed, 1 done')")
-        assert page.inner_text("[data-batch=two]") == ""
-        assert BATCH_TABLE not in page.inner_text("#holdings")
-    context.close()
+    page = started()
+    page.wait_for_selector("#batch:has-text('1 running, 1 waiting')")
+    page.wait_for_selector("[data-batch=one]:has-text('tie points between the scans')")
+    table.write_text(f"{head}one,running,control,0,,\ntwo,waiting,,0,,\n", encoding="utf-8")
+    page.wait_for_selector("[data-batch=one]:has-text('control points and the block')")
+    cut = "a.tif: is cut off. Scan it."
+    table.write_text(f"{head}one,failed,scans,3,,{cut}\ntwo,done,report,9,0,\n", "utf-8")
+    page.wait_for_selector(f"[data-batch=one]:has-text('{cut}')")
+    page.wait_for_selector("#batch:has-text('1 failed, 1 done')")
+    assert page.inner_text("[data-batch=two]") == ""
+    assert BATCH_TABLE not in page.inner_text("#holdings")
 
 
 def test_what_neighbours_share_is_compared_and_leads_to_the_photo__truth(

@@ -256,5 +256,5 @@ $END
     np.testing.assert_allclose(pixel, [50, 40])
     np.testing.assert_allclose(block.ties.pixels, [[60, 20]])
     path.write_text(photo + camera.replace("10 0 49.5", "1e307 0 49.5"))
-    with pytest.raises(ProjectError, match="give no pixels"):
+    with pytest.raises(ProjectError, match="no finite pixel"):
         read_inpho(path)
