@@ -8,13 +8,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.argument_values import grid_size, metres, operator_name, proxy_address, whole_number
 from app.settings import Settings
 from app.usage import OPTION, Parser
 from core.errors import ProjectError
 from core.said import say
 from ui.words.catalogue import LANGUAGES
 
-MOST_RELIEF_M = 2000.0
 FOLDERS = ("BLOCK", "FOLDER")
 """Arguments that a shell completes with folders alone."""
 
@@ -265,6 +265,8 @@ def add_address(verb: Parser) -> None:
     verb.add_option("--port P", port, type=whole_number(0, 65535), default=settings.port)
     host = "address the desk listens at (%(default)s: this machine only)"
     verb.add_option("--host H", host, default=settings.host)
+    proxy = "what a browser opens, where a proxy stands before the desk: https://desk.example.org"
+    verb.add_option("--address URL", proxy, type=proxy_address, default="")
     verb.add_switch("--no-browser", "print the address only")
 
 
@@ -319,46 +321,6 @@ def wrong_use(given: argparse.Namespace) -> str:
             # What is typed is told as it is typed, whatever the language.
             return say(wrong, last=f"`{last}`", first=f"`{first}`", names=", ".join(names))
     return ""
-
-
-def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
-    """Reads a whole number within limits."""
-
-    def number(text: str) -> int:
-        if not text.lstrip("-").isdecimal():
-            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number")
-        if int(text) < least or (most is not None and int(text) > most):
-            limits = f"{least} or more" if most is None else f"from {least} to {most}"
-            raise argparse.ArgumentTypeError(f"must be {limits}, not {text}")
-        return int(text)
-
-    return number
-
-
-def operator_name(text: str) -> str:
-    """A name, without blanks about it."""
-    if not text.strip():
-        raise argparse.ArgumentTypeError("must be a name: decisions are recorded under it")
-    return text.strip()
-
-
-def grid_size(text: str) -> tuple[int, int]:
-    """Columns and rows of a grid, such as 6x5."""
-    parts = text.lower().split("x")
-    if len(parts) != 2 or not all(part.isdecimal() and 1 <= int(part) <= 99 for part in parts):
-        raise argparse.ArgumentTypeError(f"must be like 6x5, at most 99x99, not {text}")
-    return int(parts[0]), int(parts[1])
-
-
-def metres(text: str) -> float:
-    """Metres of relief, from flat to mountains."""
-    try:
-        value = float(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from error
-    if not 0 <= value <= MOST_RELIEF_M:
-        raise argparse.ArgumentTypeError(f"must be from 0 to {MOST_RELIEF_M:.0f}, not {text}")
-    return value
 
 
 VERBS = {

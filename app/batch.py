@@ -23,7 +23,7 @@ from core.errors import ProjectError
 from core.formats.records import guarded, plain_bytes, unguarded
 from core.said import say
 from sessions.atomic_write import whole_file
-from sessions.processes import only_run
+from sessions.processes import is_held, only_run
 
 Executor = Literal["threads", "processes", "dask"]
 EXECUTORS: tuple[Executor, ...] = ("threads", "processes", "dask")
@@ -72,8 +72,10 @@ def batch_told(folder: Path) -> dict[str, Any] | None:
     # Another program may have one of that name, and a person may have changed ours.
     if tuple(head) != COLUMNS or not all(_is_state(row) for row in rows):
         return None
+    # Whoever was killed could not say so.
+    ended = {} if is_held(folder / LOCK) else {"running": "left", "waiting": "left"}
     told = {
-        unguarded(block): [state, stage, unguarded(message)]
+        unguarded(block): [ended.get(state, state), stage, unguarded(message)]
         for block, state, stage, _, _, message in rows
     }
     when = datetime.fromtimestamp(written, UTC).isoformat(timespec="seconds")

@@ -110,6 +110,9 @@ def _tasks(source: Path) -> list[BlockTask]:
 
 def _rows(source: Path) -> list[dict[str, str]]:
     """Rows of a list, by column."""
+    if not source.exists():
+        remedy = "Name a folder with blocks in it, or a file with the path of a block a line."
+        raise ProjectError(source, "does not exist.", remedy)
     try:
         text = plain_bytes(source).decode("utf-8-sig")
         lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]

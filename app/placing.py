@@ -38,7 +38,7 @@ from ui.review.compare import DrawnPhoto
 from ui.review.looks import page_palette
 from ui.review.placement import NOWHERE
 from ui.review.tiles import Lattice, OrthoSource
-from ui.web.access import Access, lasting_token
+from ui.web.access import Access, Door, lasting_token
 from ui.web.front import Front, FrontInputs, Opened
 from ui.web.placing import Pair, placing_routes
 from ui.web.running import Leaving
@@ -125,7 +125,7 @@ class Placing(Opened):
 
 
 def open_placing(
-    project: Project, found: Placeable, host: str, port: int, language: str = "", token: str = ""
+    project: Project, found: Placeable, door: Door, language: str = "", token: str = ""
 ) -> Placing:
     """Open the placing page of a block.
 
@@ -139,7 +139,7 @@ def open_placing(
         name: drawn_raw(scan.scan.path, scan.size_px) for name, scan in found.scans.oriented.items()
     }
     tiles.publish(drawn)
-    access = Access(host, token or lasting_token(project.folder / HIDDEN))
+    access = Access(door, token or lasting_token(project.folder / HIDDEN))
     running = Running(project.file)
     clicking = Clicking(found, running)
     start = _start(project, lattice, ortho)
@@ -148,7 +148,7 @@ def open_placing(
         access, None, tiles, None, start, page="placing.html", told=clicking.photos,
         routes=(*placing_routes(clicking), leaving.route()), language=language,
     )  # fmt: skip
-    opened = Placing(Front(doors, host, port), running, tiles, leaving)
+    opened = Placing(Front(doors), running, tiles, leaving)
     opened.listen()
     return opened
 

@@ -38,7 +38,7 @@ from sessions.atomic_write import clean_leftovers, whole_file
 from sessions.disk import explain_disk_errors
 from sessions.session import HIDDEN, Session
 from ui.review.looks import page_palette
-from ui.web.access import Access, lasting_token
+from ui.web.access import Access, Door, lasting_token
 from ui.web.front import Front, FrontInputs, Opened
 from ui.web.start import Fields, start_routes
 from ui.web.tiles import ScanTiles
@@ -77,8 +77,7 @@ class Start(Opened):
 
 def open_start(
     folder: Path,
-    host: str,
-    port: int,
+    door: Door,
     language: str = "",
     token: str = "",
     left: Mapping[str, str] | None = None,
@@ -92,7 +91,7 @@ def open_start(
         PhotogrammetryError: The port cannot be had.
     """
     starting = Starting(folder, home)
-    access = Access(host, token or token_of(starting.folder))
+    access = Access(door, token or token_of(starting.folder))
     said = {
         "name": starting.folder.name,
         "edition": secrets.token_urlsafe(6),
@@ -104,7 +103,7 @@ def open_start(
         access, None, starting.tiles, None, said, page="start.html", language=language,
         routes=start_routes(starting),
     )  # fmt: skip
-    opened = Start(Front(doors, host, port), starting)
+    opened = Start(Front(doors), starting)
     opened.listen()
     return opened
 

@@ -23,7 +23,7 @@ from core.errors import PhotogrammetryError
 from core.formats.records import spreadsheet_bytes
 from core.said import say
 from ui.review.looks import page_palette
-from ui.web.access import Access
+from ui.web.access import Access, Door
 from ui.web.front import Front, FrontInputs, Opened
 from ui.web.lessons import lesson_routes
 from ui.words.catalogue import lesson_words
@@ -247,8 +247,7 @@ class Teaching(Opened):
 
 def open_teaching(
     found: Mapping[str, Lesson],
-    host: str,
-    port: int,
+    door: Door,
     language: str = "",
     hide_truth: bool = False,
 ) -> Teaching:
@@ -256,8 +255,7 @@ def open_teaching(
 
     Args:
         found: The lessons.
-        host: Address that is listened at.
-        port: 0 takes any that is free.
+        door: Where it listens.
         language: Of the texts until a page chooses; that of each browser when empty.
         hide_truth: Students, who come by a link, never get the truth.
 
@@ -266,7 +264,7 @@ def open_teaching(
     """
     start = {"edition": secrets.token_urlsafe(6), "palette": page_palette(), "photos": []}
     doors = FrontInputs(
-        Access(host),
+        Access(door),
         None,
         None,
         None,
@@ -276,7 +274,7 @@ def open_teaching(
         routes=lesson_routes(Teacher(found), hide_truth),
         language=language,
     )
-    opened = Teaching(Front(doors, host, port))
+    opened = Teaching(Front(doors))
     opened.listen()
     threading.Thread(target=_prepare, args=(found,), daemon=True).start()
     return opened

@@ -24,6 +24,8 @@ LOCKED = b" "
 """What stands before the holder in a lock file."""
 # design: Linux counts in hundredths of a second; nothing starts twice under one number in less.
 TICKS_A_SECOND = 100
+UNSIGNED = (OSError, ValueError, LookupError, TypeError, AttributeError)
+"""Raised over a lock file that is not there, or holds something else."""
 STARTED_BY = "GRUBER_STARTED_BY"
 """Variable of the environment that names the process with which one is to end."""
 # design: a block that nobody waits for is let go of in seconds.
@@ -79,7 +81,10 @@ def only_run(path: Path, operator: str, batch: bool = False) -> Generator[None]:
         _lock(path, file.fileno(), batch)
         with explain_disk_errors(path):
             _sign(file.fileno(), operator)
-        yield
+        try:
+            yield
+        finally:
+            os.ftruncate(file.fileno(), 0)
 
 
 def _lock(path: Path, descriptor: int, batch: bool) -> None:
@@ -100,20 +105,34 @@ def _lock(path: Path, descriptor: int, batch: bool) -> None:
 def _sign(descriptor: int, operator: str) -> None:
     """Write into the lock who holds it."""
     since = datetime.now(UTC).isoformat(timespec="seconds")
-    text = json.dumps({"operator": operator, "process": os.getpid(), "since": since})
+    text = json.dumps({"operator": operator, "process": this_process(), "since": since})
     os.ftruncate(descriptor, 0)
     os.write(descriptor, LOCKED + text.encode())
+
+
+def is_held(path: Path) -> bool:
+    """True while the process that last held a lock may be at work; the lock is not touched."""
+    try:
+        return is_alive(_signature(path)["process"])
+    except UNSIGNED:
+        return False
 
 
 def _holder(path: Path) -> str:
     """Who holds a lock, in words."""
     try:
-        with path.open("rb", buffering=0) as file:
-            file.seek(len(LOCKED))
-            holder = json.loads(file.read())
-        return f"{holder['operator']} (process {holder['process']}, since {holder['since']})"
-    except (OSError, ValueError, KeyError, TypeError):
+        holder = _signature(path)
+        number = holder["process"].split("-")[1]
+        return f"{holder['operator']} (process {number}, since {holder['since']})"
+    except UNSIGNED:
         return "another process"
+
+
+def _signature(path: Path) -> dict[str, str]:
+    """What `_sign` wrote."""
+    with path.open("rb", buffering=0) as file:
+        file.seek(len(LOCKED))
+        return json.loads(file.read())
 
 
 def _taken(path: Path, who: str, batch: bool) -> StorageError:

@@ -74,7 +74,7 @@ from ui.review.state import (
 from ui.review.tiles import OrthoSource, ScanWindow
 from ui.review.to_measure import points_of_user
 from ui.views.meshes import SurfaceSource, TerrainOptions
-from ui.web.access import lasting_token
+from ui.web.access import Door, lasting_token
 
 MOSAIC_WORK = 2.0
 """Making the mosaic takes about as long as this many orthos."""
@@ -123,10 +123,8 @@ class DeskInputs:
     """Digest of the results that tables and report on disk tell; empty where there are none."""
     operator: str = "operator"
     """Who decides."""
-    host: str = "127.0.0.1"
-    """Address to listen on."""
-    port: int = 0
-    """Port to listen on; 0 takes any that is free."""
+    door: Door = field(default_factory=Door)
+    """Where it listens."""
     stale_m: float = 0.1
     """An ortho is stale once its photo moved by more than this on the ground, metres."""
     language: str = ""
@@ -239,9 +237,7 @@ def first_snapshot(desk: DeskInputs) -> DeskSnapshot:
     return desk.with_products(known)
 
 
-def desk_inputs(
-    project: Project, session: Session, operator: str, host: str, port: int
-) -> DeskInputs:
+def desk_inputs(project: Project, session: Session, operator: str, door: Door) -> DeskInputs:
     """Everything the desk needs of a block.
 
     Raises:
@@ -291,8 +287,7 @@ def desk_inputs(
         made=made,
         written_of=written,
         operator=operator,
-        host=host,
-        port=port,
+        door=door,
         fill=Filling(find_like),
         likeness=compared if reference.ortho.is_there else None,
         transfer=Transferring(reference, opened),

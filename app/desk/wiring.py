@@ -128,7 +128,7 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     years, ready = tuple(ortho for _, ortho in desk.years), illustrator.ready
     tiles = TileStore(Sources(coarse, desk.dem, read, lattice, alike, ready, mosaic, years))
     inbox: queue.SimpleQueue[Event] = queue.SimpleQueue()
-    access = Access(desk.host, desk.token or secrets.token_urlsafe(24), desk.looking)
+    access = Access(desk.door, desk.token or secrets.token_urlsafe(24), desk.looking)
 
     def scene_opened(seat: str) -> None:
         illustrator.ask()
@@ -157,7 +157,7 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
                 sample_route(desk.session.folder, inbox.put),
                 *sheet_routes(desk.session.folder / FILE, sheets_made), *desk.routes),
     )  # fmt: skip
-    front = Front(doors, desk.host, desk.port)
+    front = Front(doors)
     sheets = _Sheets(desk, bounds, tiles)
     loop = ReviewLoop(desk, _screen(front, channel, scene, tiles, sheets=sheets), inbox)
     loop.start()

@@ -17,6 +17,7 @@ from core.said import say
 from sessions.disk import may_be_written
 from sessions.session import FILE, HIDDEN, Session
 from ui.review.state import Seat
+from ui.web.access import Door
 from ui.web.front import Opened
 
 
@@ -41,7 +42,7 @@ class Visit:
     def __init__(self, given: argparse.Namespace, voice: Voice) -> None:
         self.given, self.voice = given, voice
         self.block: Path = given.block
-        self.port: int = given.port
+        self.door = Door(given.host, given.port, given.address)
         self.token = ""
         self.left: dict[str, str] | None = None
         self.drafts: dict[Path, tuple[Seat, ...]] = {}
@@ -51,7 +52,8 @@ class Visit:
 
     def shown(self, page: Opened, said: str) -> None:
         """Say where a page is, and open it in the browser unless one is open there already."""
-        self.port, self.token = page.port, page.token
+        # The pages that follow are found at the same address.
+        self.door, self.token = replace(self.door, port=page.port), page.token
         self.voice.say(said)
         if not self._opened:
             webbrowser.open(page.url)
@@ -62,7 +64,7 @@ class Visit:
         given = self.given
         while True:
             with open_start(
-                folder, given.host, self.port, given.language, self.token, self.left, self.home
+                folder, self.door, given.language, self.token, self.left, self.home
             ) as page:
                 where = "Files, settings and the run: {url}  (Ctrl-C closes)"
                 self.shown(page, say(where, url=page.url))
@@ -82,7 +84,7 @@ class Visit:
         with opened(folder, given.operator) as session:
             if not self.through_placing(project, session):
                 return True
-            inputs = desk_inputs(project, session, given.operator, given.host, self.port)
+            inputs = desk_inputs(project, session, given.operator, self.door)
             token, left = self.token or inputs.token, self.drafts.get(folder, ())
             with open_desk(
                 replace(inputs, language=given.language, token=token, looking=looking, left=left)
@@ -101,9 +103,7 @@ class Visit:
         found, given = placeable(project, session), self.given
         if found is None:
             return True
-        with open_placing(
-            project, found, given.host, self.port, given.language, self.token
-        ) as placing:
+        with open_placing(project, found, self.door, given.language, self.token) as placing:
             self.voice.say("No photo of this block is placed on the reference yet.")
             clicked = (
                 "Two points clicked in one photo place it: {url}"

@@ -10,6 +10,7 @@ from app.experiments import EXPERIMENTS, Table, open_ground, truth_of, write_log
 from app.found_lessons import find_lessons
 from app.teaching import Teacher, open_teaching
 from app.terminal import Voice
+from ui.web.access import Door
 from ui.words.catalogue import Teller
 
 
@@ -27,9 +28,8 @@ def teach(given: argparse.Namespace, voice: Voice) -> None:
         for name in found:
             voice.say(voice.tell("teach.line", name=name, title=told[f"lesson.{name}.title"]))
         return
-    with open_teaching(
-        found, given.host, given.port, given.language, hide_truth=given.hide_truth
-    ) as page:
+    door = Door(given.host, given.port, given.address)
+    with open_teaching(found, door, given.language, hide_truth=given.hide_truth) as page:
         chosen = f"&lesson={given.lesson}" if given.lesson else ""
         url = f"{page.url}{chosen}"
         voice.say(voice.tell("teach.open", url=url))

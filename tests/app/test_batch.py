@@ -167,11 +167,13 @@ def begun(tiny_block, tmp_path):
 def test_who_stops_it_stops_the_runs_under_way_and_the_next_call_resumes__law(
     begun, tmp_path, asked
 ):
+    assert batch_told(tmp_path)["blocks"]["one"][0] == "running"
     begun.send_signal(asked)
     _, told = begun.communicate(timeout=90)
     assert begun.returncode == 130
     assert b"stopped" in told
     assert rows(tmp_path)["one"]["state"] == "waiting"
+    assert batch_told(tmp_path)["blocks"]["one"][0] == "left"
     (tmp_path / "list.csv").write_text("block,until\none,scans\n", encoding="utf-8")
     assert main(["batch", str(tmp_path / "list.csv")]) == DONE
     assert rows(tmp_path)["one"]["state"] == "done"
@@ -186,6 +188,7 @@ def test_the_runs_of_a_killed_batch_end_too__law(begun, tmp_path, capsys):
     assert rows(tmp_path)["one"]["state"] == "running"
     begun.kill()
     begun.wait()
+    assert batch_told(tmp_path)["blocks"]["one"][0] == "left"
     given_up = time.monotonic() + 90
     while main(command) != DONE:
         assert time.monotonic() < given_up

@@ -53,3 +53,8 @@ def test_a_list_that_cannot_be_used_is_refused_by_name__law(tmp_path, three, tex
     with pytest.raises(ProjectError, match=cause):
         read_list(source)
     assert not (tmp_path / BATCH_TABLE).exists()
+
+
+def test_a_list_that_is_not_there_is_told_so__truth(tmp_path):
+    with pytest.raises(ProjectError, match="does not exist"):
+        read_list(tmp_path / "list.csv")

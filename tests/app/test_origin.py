@@ -20,6 +20,7 @@ from core.surface.ground import NODATA_M, Ground
 from sessions.session import Session
 from tests.core.raster_files import write_raster
 from ui.review.mosaic import MosaicPicked, picked_part
+from ui.web.access import Door
 
 
 def cells(path):
@@ -42,7 +43,7 @@ def test_each_cell_has_the_photo_of_the_seams_and_the_sigma_of_the_desk__law(tin
     }
     with Session.open(tiny_run.folder, "ada") as session:
         mosaic = session.products.latest_value("mosaic")
-        inputs = desk_inputs(project, session, "ada", "", 0)
+        inputs = desk_inputs(project, session, "ada", Door())
         desk = first_snapshot(inputs)
         # As the desk finds it in the background.
         known = replace(desk.state, evidence=inputs.evidence(inputs.report))

@@ -563,7 +563,7 @@ def test_a_block_in_a_read_only_folder_is_opened_for_looking__law(
 
     monkeypatch.setattr("app.verbs.review.open_desk", open_and_leave)
     said: list[str] = []
-    given = argparse.Namespace(block=folder, port=0, no_browser=True, operator="ada",
+    given = argparse.Namespace(block=folder, port=0, address="", no_browser=True, operator="ada",
                                host="127.0.0.1", language="")  # fmt: skip
     with pytest.raises(KeyboardInterrupt):
         Visit(given, cast("Any", SimpleNamespace(say=said.append))).through_desk()
@@ -592,7 +592,7 @@ def test_after_a_run_or_settings_the_desk_opens_with_the_drafts_it_left__law(
 
     monkeypatch.setattr("app.verbs.review.open_desk", open_once)
     monkeypatch.setattr(Visit, "through_start", lambda *_: None)
-    given = argparse.Namespace(block=folder, port=0, no_browser=True, operator="ada",
+    given = argparse.Namespace(block=folder, port=0, address="", no_browser=True, operator="ada",
                                host="127.0.0.1", language="")  # fmt: skip
     with pytest.raises(KeyboardInterrupt):
         review(given, cast("Any", SimpleNamespace(say=lambda _: None)))

@@ -15,6 +15,7 @@ from app.cli import main
 from app.found_lessons import find_lessons
 from app.lessons.sheet import LessonError
 from app.teaching import Teacher, open_teaching, plain, state_of
+from ui.web.access import Door
 
 pytestmark = pytest.mark.usefixtures("teaching_cache")
 OWN = Path(__file__).parents[2] / "docs" / "python" / "lessons.md"
@@ -249,7 +250,7 @@ def test_students_come_by_their_own_address_and_see_no_hidden_truth__law() -> No
     """Of all lessons, whatever the page asks for; the teacher's address shows it."""
     asked = {"state": {}, "truth": True}
     for hide in (False, True):
-        with open_teaching(find_lessons(), "127.0.0.1", 0, hide_truth=hide) as page:
+        with open_teaching(find_lessons(), Door(), hide_truth=hide) as page:
             for url, shown in ((page.url, True), (page.guest_url, not hide)):
                 with visitor(url) as (get, post):
                     view = post("/lesson/stereo", asked)
@@ -278,5 +279,5 @@ def visitor(url: str) -> Iterator[tuple[Callable[..., Any], Callable[..., Any]]]
 
 
 def test_the_page_opens_at_an_address_with_a_token__law() -> None:
-    with open_teaching(find_lessons(), "127.0.0.1", 0) as page:
+    with open_teaching(find_lessons(), Door()) as page:
         assert page.url.startswith(f"http://127.0.0.1:{page.port}/?token=")

@@ -31,7 +31,7 @@ from core.raster.grid import Grid
 from core.raster.scan_file import ScanFiles
 from sessions.session import HIDDEN, Session
 from tests.ui.desk_landscape import ArrayDem, ArrayOrtho, keep_for_reduction
-from ui.web.access import lasting_token
+from ui.web.access import Door, lasting_token
 
 FRAME_MM, PRINCIPAL_MM, FLYING_M = 180.0, 210.0, 1650.0
 SIDE_M = FRAME_MM / PRINCIPAL_MM * FLYING_M
@@ -108,7 +108,7 @@ def large_inputs(folder: Path, size: Size, robust: bool = True, port: int = 0) -
         evidence=adjust.evidence,
         remake=lambda photo_ids, progress, report: None,
         operator="anna",
-        port=port,
+        door=Door(port=port),
         token=lasting_token(folder / HIDDEN),
     )
 

@@ -39,6 +39,7 @@ from ui.review.compare import made_with
 from ui.review.rows import queue_rows
 from ui.review.state import DeskState
 from ui.review.trial import largest_shift, trial_of, turn_measurement
+from ui.web.access import Door
 
 PAGES, MOST_GROWTH = 10, 10.0
 TOKEN = "benchmark-token-benchmark-token-0"
@@ -124,7 +125,7 @@ async def opened_page(session: aiohttp.ClientSession, port: int, seat: str) -> P
 
 def serve(folder: str, port: int) -> None:
     """A desk on the tiny block in a process of its own."""
-    inputs = desk_inputs(Path(folder), token=TOKEN, port=port)
+    inputs = desk_inputs(Path(folder), token=TOKEN, door=Door(port=port))
     with open_desk(inputs) as desk:
         desk.wait()
 

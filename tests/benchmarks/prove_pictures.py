@@ -29,6 +29,7 @@ from tests.browser.monkey import Wrong
 from tests.browser.test_every_page import CLOSE, SHEETS, frame_of_placing, open_sheet
 from tests.browser.walk import Ear, open_rooms, say
 from ui.views.meshes import TerrainOptions
+from ui.web.access import Door
 
 SIZES = {"1366x768": (1366, 768), "1600x1000": (1600, 1000), "2560x1440": (2560, 1440)}
 THEMES = ("light", "dark")
@@ -202,7 +203,7 @@ def rooms_of(block: Path, folder: Path) -> Generator[dict[str, str]]:
             "lessons": lessons.url, "report": f"{blocks.as_uri()}/{{}}/results/report.html",
         }  # fmt: skip
         for name, where in starts.items():
-            rooms[name] = stack.enter_context(open_start(where, "127.0.0.1", 0)).url
+            rooms[name] = stack.enter_context(open_start(where, Door())).url
         yield rooms
 
 

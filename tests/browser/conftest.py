@@ -16,6 +16,7 @@ from app.project import read_project
 from app.teaching import open_teaching
 from sessions.session import Session
 from tests.ui.desk_block import desk_inputs
+from ui.web.access import Door
 
 # As a computer without a GPU has it: pages are drawn by the processor, and so is the 3D scene.
 ARGUMENTS = [
@@ -259,7 +260,7 @@ def scene_of(page):
 
 @pytest.fixture(scope="module")
 def lessons(teaching_cache):
-    with open_teaching(find_lessons(), "127.0.0.1", 0) as opened:
+    with open_teaching(find_lessons(), Door()) as opened:
         yield opened
 
 

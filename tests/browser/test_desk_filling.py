@@ -12,6 +12,7 @@ from sessions.decisions import FillMarks, JudgeFiducial, PlaceFiducial
 from sessions.session import Session
 from tests.browser.hands import caught_up, drawn
 from tests.ui.unmarked import without_marks
+from ui.web.access import Door
 
 CELLS = "gruber.boardState().found.photos.flatMap(row => row.cells.map(cell => cell.state))"
 
@@ -21,7 +22,7 @@ def unmarked(run_folder: Any):
     """A desk on a block of whose camera nobody knows the marks; and where its marks were found."""
     project = read_project(run_folder)
     with Session.open(project.folder, "anna") as session:
-        inputs = desk_inputs(project, session, "anna", "127.0.0.1", 0)
+        inputs = desk_inputs(project, session, "anna", Door())
         with open_desk(without_marks(inputs)) as desk:
             yield desk, session, inputs.initial.films
 

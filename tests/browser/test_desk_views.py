@@ -16,6 +16,7 @@ from sessions.session import Session
 from tests.browser.conftest import PATIENCE_MS
 from tests.browser.hands import at_once, caught_up
 from tests.ui.desk_block import tiny_block
+from ui.web.access import Door
 
 CELL = """name => gruber.boardState().found.photos.flatMap(row => row.cells.map(cell =>
   [`${row.photo}|${cell.name}`, cell])).find(([key]) => key === name)[1]"""
@@ -212,7 +213,7 @@ def unplaced(run_folder):
     assert isinstance(scans, ScanSet)
     given = described(project)
     found = Placeable(given, scans, open_reference(given.reference), placed.block)
-    with open_placing(project, found, "127.0.0.1", 0) as page:
+    with open_placing(project, found, Door()) as page:
         yield page
 
 

@@ -11,6 +11,7 @@ from app.found_lessons import find_lessons
 from app.lessons.ransac import LESSON, search_of
 from app.teaching import Teacher, open_teaching, state_of
 from tests.app.lessons.test_textbook import CHECKS
+from ui.web.access import Door
 
 READY = "#figures b"
 pytestmark = pytest.mark.usefixtures("teaching_cache")
@@ -298,7 +299,7 @@ def test_what_no_longer_holds_is_greyed_and_said_in_the_place_of_the_figures__la
         return relief.view(state | {"H": 1 / (state["h"] - 5) * 0 + state["H"]})
 
     found = {"relief": replace(relief, view=view), "stereo": LESSONS["stereo"]}
-    with open_teaching(found, "127.0.0.1", 0) as opened:
+    with open_teaching(found, Door()) as opened:
         page = sit_at(f"{opened.url}&lesson=relief", scene=False, ready=READY)
         said = page.locator("#figures [role=alert]")
         assert relief.sliders[0].low <= 5
@@ -351,7 +352,7 @@ def test_answers_are_saved_as_a_table_for_excel__law(learn):
 
 @pytest.mark.parametrize("hide", [False, True])
 def test_a_copied_link_lets_a_student_in_who_sees_no_hidden_truth__law(sit_at, hide):
-    with open_teaching(LESSONS, "127.0.0.1", 0, hide_truth=hide) as opened:
+    with open_teaching(LESSONS, Door(), hide_truth=hide) as opened:
         page = sit_at(f"{opened.url}&lesson=stereo", scene=False, ready=READY)
         assert page.locator("#truth").count() == 1
         page.locator("#slider-B").fill("1200")

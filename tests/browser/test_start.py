@@ -5,12 +5,15 @@ from pathlib import Path
 
 import pytest
 
+from app.batch import LOCK
 from app.block_toml import BATCH_TABLE
 from app.start import open_start
+from sessions.processes import only_run
 from tests.browser.conftest import AT_WORK, PATIENCE_MS, VIOLATIONS
 from tests.browser.hands import caught_up, drawn, until
 from tests.browser.test_desk_security import asked, entered
 from tests.journeys.copies import copied, reviewing
+from ui.web.access import Door
 
 RUN_MS = 600_000
 SCANS = 2
@@ -163,7 +166,7 @@ def test_axe_finds_nothing_on_the_start_page__oracle(
     context = chromium.new_context(locale=language, bypass_csp=True)
     context.set_default_timeout(PATIENCE_MS)
     context.add_init_script(f"localStorage.setItem('gruber.theme', '{theme}')")
-    with open_start(tmp_path, "127.0.0.1", 0) as opened:
+    with open_start(tmp_path, Door()) as opened:
         page = context.new_page()
         page.goto(opened.url)
         page.wait_for_selector(".thumb.bad")
@@ -202,7 +205,7 @@ def test_two_pages_save_what_was_written_in_each__law(chromium, tiny_block, tmp_
     context.set_default_timeout(PATIENCE_MS)
     distance, pixel = "#field-camera-film-principal_distance_mm", "#field-scans-scan_pixel_um"
     saved = ".notice:has-text('Settings saved')"
-    with open_start(tmp_path, "127.0.0.1", 0) as opened:
+    with open_start(tmp_path, Door()) as opened:
         one, other = context.new_page(), context.new_page()
         for page in (one, other):
             page.goto(opened.url)
@@ -248,7 +251,7 @@ def test_an_older_look_at_the_folder_is_not_shown_over_a_newer__law(chromium, ti
     context = chromium.new_context(bypass_csp=True)
     context.set_default_timeout(PATIENCE_MS)
     distance, held = "#field-camera-film-principal_distance_mm", []
-    with open_start(tmp_path, "127.0.0.1", 0) as opened:
+    with open_start(tmp_path, Door()) as opened:
         page = context.new_page()
         page.goto(opened.url)
         page.wait_for_selector(distance)
@@ -297,7 +300,7 @@ def started(chromium, tmp_path):
     (tmp_path / "many").mkdir()
     context = chromium.new_context(bypass_csp=True)
     context.set_default_timeout(PATIENCE_MS)
-    with open_start(tmp_path / "many", "127.0.0.1", 0) as opened:
+    with open_start(tmp_path / "many", Door()) as opened:
         page = context.new_page()
         yield lambda: page.goto(opened.url) and page
     context.close()
@@ -317,13 +320,16 @@ def test_the_list_of_blocks_follows_a_batch__truth(started, tiny_block, tmp_path
     table = tmp_path / "many" / BATCH_TABLE
     head = "block,state,stage,seconds,findings,message\n"
     table.write_text(f"{head}one,running,ties,0,,\ntwo,waiting,,0,,\n", encoding="utf-8")
-    page = started()
-    page.wait_for_selector("#batch:has-text('1 running, 1 waiting')")
-    page.wait_for_selector("[data-batch=one]:has-text('tie points between the scans')")
-    table.write_text(f"{head}one,running,control,0,,\ntwo,waiting,,0,,\n", encoding="utf-8")
-    page.wait_for_selector("[data-batch=one]:has-text('control points and the block')")
+    with only_run(tmp_path / "many" / LOCK, "ada", batch=True):
+        page = started()
+        page.wait_for_selector("#batch:has-text('1 running, 1 waiting')")
+        page.wait_for_selector("[data-batch=one]:has-text('tie points between the scans')")
+        table.write_text(f"{head}one,running,control,0,,\ntwo,waiting,,0,,\n", encoding="utf-8")
+        page.wait_for_selector("[data-batch=one]:has-text('control points and the block')")
+    page.wait_for_selector("#batch:has-text('2 not finished')")
     cut = "a.tif: is cut off. Scan it."
     table.write_text(f"{head}one,failed,scans,3,,{cut}\ntwo,done,report,9,0,\n", "utf-8")
+    page = started()
     page.wait_for_selector(f"[data-batch=one]:has-text('{cut}')")
     page.wait_for_selector("#batch:has-text('1 failed, 1 done')")
     assert page.inner_text("[data-batch=two]") == ""
@@ -381,7 +387,7 @@ def test_what_holds_a_run_back_is_named_at_the_foot_until_it_is_mended__truth(
     shutil.copytree(tiny_block / "ortho", folder / "ortho")
     context = chromium.new_context(viewport={"width": 1366, "height": 768}, bypass_csp=True)
     context.set_default_timeout(PATIENCE_MS)
-    with open_start(folder, "127.0.0.1", 0, home=home) as opened:
+    with open_start(folder, Door(), home=home) as opened:
         page = context.new_page()
         page.goto(opened.url)
         page.fill("#field-scans-scan_pixel_um", "abc")
@@ -416,7 +422,7 @@ def test_who_leaves_a_run_is_asked_first__law(chromium, tiny_block, tmp_path):
     shutil.copytree(tiny_block, tmp_path / "many" / "one")
     context = chromium.new_context(bypass_csp=True)
     context.set_default_timeout(PATIENCE_MS)
-    with open_start(tmp_path / "many", "127.0.0.1", 0) as opened:
+    with open_start(tmp_path / "many", Door()) as opened:
         page, opening = context.new_page(), []
         page.route("**/run", lambda route: route.fulfill(json=AT_WORK))
         page.route("**/open", lambda route: opening.append(1) or route.fulfill(json={}))

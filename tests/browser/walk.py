@@ -51,6 +51,7 @@ from tests.browser.monkey import (
     Wrong,
 )
 from tests.tiny import open_tiny, with_check_points
+from ui.web.access import Door
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -89,18 +90,18 @@ def open_rooms(block: Path, folder: Path) -> Generator[list[Room]]:
         with Session.open(desk, "planner") as planner:
             plan_checks(project, planner, PlanWish())
         session = stack.enter_context(Session.open(desk, OPERATOR))
-        inputs = desk_inputs(project, session, OPERATOR, "127.0.0.1", 0)
+        inputs = desk_inputs(project, session, OPERATOR, Door())
         opened = stack.enter_context(open_desk(replace(inputs, remake=remake)))
         reader = stack.enter_context(Session.open(desk, "reader"))
-        started = stack.enter_context(open_start(start, "127.0.0.1", 0))
+        started = stack.enter_context(open_start(start, Door()))
         project = read_project(placing)
         given = described(project)
         with Session.open(placing, OPERATOR) as placed:
             scans: Any = placed.products.latest_value("scans")
             archive: Any = placed.products.latest_value("georeference")
         found = Placeable(given, scans, open_reference(given.reference), archive.block)
-        page = stack.enter_context(open_placing(project, found, "127.0.0.1", 0))
-        lessons = stack.enter_context(open_teaching(find_lessons(), "127.0.0.1", 0))
+        page = stack.enter_context(open_placing(project, found, Door()))
+        lessons = stack.enter_context(open_teaching(find_lessons(), Door()))
         report = (desk / "results" / "report.html").as_uri()
         yield [
             Room(DeskWalk, opened.url, desk, reader),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sessions.processes import is_alive, this_process
+from sessions.processes import is_alive, is_held, only_run, this_process
 
 
 def test_a_process_is_alive_until_it_ends_even_if_nobody_asked_how__truth() -> None:
@@ -32,3 +32,15 @@ def test_a_start_is_counted_as_the_kernel_counts_it__oracle() -> None:
     """proc(5), field 22 of stat: names that earlier versions left are understood."""
     stat = Path("/proc/self/stat").read_text()
     assert this_process().split("-")[1:] == [str(os.getpid()), stat.rpartition(")")[2].split()[19]]
+
+
+def test_a_lock_is_held_while_its_process_is_at_work__law(tmp_path):
+    lock = tmp_path / "lock"
+    assert not is_held(lock)
+    with only_run(lock, "ada"):
+        assert is_held(lock)
+        killed = lock.read_bytes().replace(this_process().encode(), b"here-1-2")
+    assert not is_held(lock)
+    for left in (killed, b" {}", b" 3", b"\xff"):
+        lock.write_bytes(left)
+        assert is_held(lock) == (left is killed)  # another machine's cannot be asked

@@ -21,11 +21,28 @@ ELSEWHERE = ("192.0.2.1", 9)
 
 
 @dataclass(frozen=True, slots=True)
+class Door:
+    """Where a desk listens, and how it is reached."""
+
+    host: str = "127.0.0.1"
+    """Address the port listens on."""
+    port: int = 0
+    """Port it listens on; 0 takes any that is free."""
+    address: str = ""
+    """What a browser opens where a proxy stands before it, such as https://desk.example.org."""
+
+    @property
+    def name(self) -> str:
+        """The proxy's name; empty without one."""
+        return urlsplit(self.address).hostname or ""
+
+
+@dataclass(frozen=True, slots=True)
 class Access:
     """The lock of one desk."""
 
-    host: str
-    """Address the port listens on."""
+    door: Door
+    """What it locks."""
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     """Secret in the address the operator opens; a cookie afterwards."""
     looking: bool = False
@@ -42,9 +59,9 @@ class Access:
         return f"gruber_{hashlib.sha256(self.token.encode()).hexdigest()[:8]}"
 
     def url(self, port: int) -> str:
-        """The address to open in a browser of this machine, with the token."""
-        host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(self.host, self.host)
-        return f"http://{host}:{port}/?token={self.token}"
+        """The address to open with the token: the proxy's, or else one of this machine."""
+        host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(self.door.host, self.door.host)
+        return f"{self.door.address or f'http://{host}:{port}'}/?token={self.token}"
 
     def guest_url(self, port: int) -> str:
         """The address for those who may look and decide nothing.
@@ -52,7 +69,9 @@ class Access:
         Where other machines are answered too, it names this one as they see it.
         """
         url = self.url(port).replace(self.token, self.guest_token)
-        return url.replace("//127.0.0.1:", f"//{network_name()}:") if self.host in ANYWHERE else url
+        if self.door.host not in ANYWHERE:
+            return url
+        return url.replace("//127.0.0.1:", f"//{network_name()}:")
 
     def guard(self) -> Middleware:
         """The middleware that every request passes first."""
@@ -66,7 +85,7 @@ class Access:
             entering = request.query.get("token")
             if entering is not None and request.path == "/":
                 # A link may name what is to be shown.
-                return self._let_in(entering, str(request.rel_url.without_query_params("token")))
+                return self._let_in(entering, request)
             shown = request.cookies.get(self.cookie, "")
             if not self._known(shown):
                 raise web.HTTPUnauthorized(text="Open the desk with the address it printed.")
@@ -80,21 +99,27 @@ class Access:
 
     def host_is_ours(self, host: str) -> bool:
         """True for names this desk is reached by: a rebound DNS name is none of them."""
-        name = (urlsplit(f"//{host}").hostname or "").lower()
-        if name in LOOPBACK or name == self.host.lower():
+        name, ours = _name_of(host), self.door.host.lower()
+        if name and name in (*LOOPBACK, ours, self.door.name):
             return True
-        return self.host in ANYWHERE and (name == socket.gethostname().lower() or _is_address(name))
+        return ours in ANYWHERE and (name == socket.gethostname().lower() or _is_address(name))
 
     def origin_is_ours(self, origin: str | None, host: str) -> bool:
         """True when a request comes from our own page, or from no page at all."""
         return origin is None or urlsplit(origin).netloc.lower() == host.lower()
 
-    def _let_in(self, entering: str, onward: str) -> web.StreamResponse:
+    def _let_in(self, entering: str, request: web.Request) -> web.StreamResponse:
         """Keep the token in a cookie and take it out of the address bar."""
         if not self._known(entering):
             raise web.HTTPUnauthorized(text="That is not this desk's token.")
+        onward = str(request.rel_url.without_query_params("token"))
         response = web.Response(status=303, headers={"Location": onward})
-        response.set_cookie(self.cookie, entering, httponly=True, samesite="Lax", path="/")
+        # At this machine's own address, without the proxy, the desk speaks no TLS.
+        behind_tls = self.door.address.startswith("https:")
+        secure = behind_tls and _name_of(request.host) == self.door.name
+        response.set_cookie(
+            self.cookie, entering, httponly=True, samesite="Lax", path="/", secure=secure
+        )
         return response
 
     def _known(self, offered: str) -> bool:
@@ -128,6 +153,11 @@ def network_name() -> str:
         except OSError:
             return socket.gethostname()
         return door.getsockname()[0]
+
+
+def _name_of(host: str) -> str:
+    """The name in a Host header, without its port."""
+    return (urlsplit(f"//{host}").hostname or "").lower()
 
 
 def _is_address(name: str) -> bool:

@@ -120,9 +120,8 @@ logger.addFilter(is_ours)
 class Front:
     """An aiohttp server in a thread of its own."""
 
-    def __init__(self, inputs: FrontInputs, host: str, port: int) -> None:
-        self._inputs = inputs
-        self._host, self._wanted_port = host, port
+    def __init__(self, inputs: FrontInputs) -> None:
+        self._inputs, self._door = inputs, inputs.access.door
         self._loop = asyncio.new_event_loop()
         self._ready = threading.Event()
         self._stop = asyncio.Event()
@@ -148,7 +147,7 @@ class Front:
         self._ready.wait()
         if self._failure is not None:
             raise PhotogrammetryError(
-                f"{self._host}:{self._wanted_port}",
+                f"{self._door.host}:{self._door.port}",
                 say(
                     "cannot be listened on ({error}).",
                     error=self._failure.strerror or self._failure,
@@ -182,15 +181,15 @@ class Front:
         )
         await runner.setup()
         try:
-            family = socket.AF_INET6 if ":" in self._host else socket.AF_INET
-            door = socket.create_server((self._host, self._wanted_port), family=family)
-            site = web.SockSite(runner, door)
+            family = socket.AF_INET6 if ":" in self._door.host else socket.AF_INET
+            listening = socket.create_server((self._door.host, self._door.port), family=family)
+            site = web.SockSite(runner, listening)
             await site.start()
             self.port = runner.addresses[0][1]
             self._ready.set()
             await self._stop.wait()
             # Who is let in at this moment would be forgotten, and the connection stay open.
-            self._loop.remove_reader(door)
+            self._loop.remove_reader(listening)
             await asyncio.sleep(0)
             # Before its pages are let go: they come back at once.
             await site.stop()

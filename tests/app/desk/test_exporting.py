@@ -22,6 +22,7 @@ from sessions.decisions import PlaceFiducial
 from sessions.session import Session
 from tests.tiny import Tiny
 from tests.ui.web.visits import visited
+from ui.web.access import Door
 from ui.web.front import result_routes
 
 HOW = Conventions("", "", "", "", "", "", "")
@@ -54,7 +55,7 @@ def asked(tiny: Tiny, address: str = "/export/any", guest: bool = False):
         return answer.status, said, file
 
     with Session.open(tiny.folder, "anna") as session:
-        desk = desk_inputs(read_project(tiny.folder / "block.toml"), session, "anna", "", 0)
+        desk = desk_inputs(read_project(tiny.folder / "block.toml"), session, "anna", Door())
         return visited([*desk.routes, *result_routes(tiny.folder / "results")], visit, guest)
 
 
@@ -134,7 +135,7 @@ def test_an_export_tells_how_far_it_is_and_stops_when_asked__law(
         return second.status, answer
 
     with Session.open(tiny_run.folder, "anna") as session:
-        desk = desk_inputs(read_project(tiny_run.folder / "block.toml"), session, "anna", "", 0)
+        desk = desk_inputs(read_project(tiny_run.folder / "block.toml"), session, "anna", Door())
         assert visited([*desk.routes], visit, False) == (409, {})
 
 

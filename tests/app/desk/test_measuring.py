@@ -44,6 +44,7 @@ from ui.review.mark_gestures import MarkPlaced
 from ui.review.new_points import ORTHO, next_name
 from ui.review.outcome import outcome_of
 from ui.review.state import DeskState, Seat
+from ui.web.access import Door
 
 KNOWN_M = np.array([0.25, 0.5])
 
@@ -183,7 +184,7 @@ def given(tiny_run: Any):
     """What the desk begins with on the tiny block, and the description of its engine."""
     project = read_project(tiny_run.folder)
     with Session.open(project.folder, "anna") as session:
-        yield desk_inputs(project, session, "anna", "127.0.0.1", 0), described(project)
+        yield desk_inputs(project, session, "anna", Door()), described(project)
 
 
 def said(*decisions: Any) -> tuple[Recorded, ...]:

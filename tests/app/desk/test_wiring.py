@@ -12,6 +12,7 @@ from core.errors import PhotogrammetryError
 from tests.ui.desk_block import desk_inputs, tiny_block
 from ui.review.tiles import CoarseOrtho
 from ui.views.server import SceneServer
+from ui.web.access import Door
 
 
 @pytest.fixture
@@ -98,7 +99,7 @@ def test_the_ortho_is_read_once_a_scene_or_a_coarse_tile_needs_it__law(inputs, l
 
 def test_a_port_that_is_taken_is_told_with_the_remedy__law(inputs, tmp_path):
     with open_desk(inputs) as desk:
-        other = replace(desk_inputs(tmp_path / "other"), port=desk.port)
+        other = replace(desk_inputs(tmp_path / "other"), door=Door(port=desk.port))
         with pytest.raises(PhotogrammetryError, match="--port"):
             open_desk(other)
         other.session.close()

@@ -23,6 +23,7 @@ from ui.review.mark_gestures import MarkPlaced
 from ui.review.outcome import outcome_of
 from ui.review.placement import placement_part
 from ui.review.state import DeskState, Seat
+from ui.web.access import Door
 from ui.words.catalogue import words
 
 
@@ -31,7 +32,7 @@ def given(tiny_run: Any):
     """What the desk begins with on the tiny block, and the description of its engine."""
     project = read_project(tiny_run.folder)
     with Session.open(project.folder, "anna") as session:
-        yield desk_inputs(project, session, "anna", "127.0.0.1", 0), described(project)
+        yield desk_inputs(project, session, "anna", Door()), described(project)
 
 
 @pytest.fixture(scope="module")

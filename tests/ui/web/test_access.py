@@ -8,24 +8,51 @@ import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
 
-from ui.web.access import Access, is_guest, lasting_token, network_name
+from ui.web.access import Access, Door, is_guest, lasting_token, network_name
 
 
 def test_addresses_carry_the_token_and_guests_get_another__law():
-    access = Access("0.0.0.0", "secret-token")
+    access = Access(Door("0.0.0.0"), "secret-token")
     assert access.url(8765) == "http://127.0.0.1:8765/?token=secret-token"
     assert "secret-token" not in access.guest_url(8765)
     assert access.guest_token in access.guest_url(8765)
-    assert Access("localhost", "other").cookie != access.cookie
+    assert Access(Door("localhost"), "other").cookie != access.cookie
 
 
 def test_guests_of_the_network_get_an_address_they_can_reach__law():
     """Of this machine as others see it, at which the desk answers; at home all stays at home."""
-    access = Access("0.0.0.0", "secret-token")
+    access = Access(Door("0.0.0.0"), "secret-token")
     guests = urlsplit(access.guest_url(8765))
     assert guests.hostname == network_name()
     assert access.host_is_ours(guests.netloc)
-    assert Access("127.0.0.1").guest_url(1).startswith("http://127.0.0.1:1/")
+    assert Access(Door("127.0.0.1")).guest_url(1).startswith("http://127.0.0.1:1/")
+
+
+def test_a_desk_behind_a_proxy_is_reached_by_its_name__law():
+    """Both addresses name it; other names are strangers as ever."""
+    access = Access(Door("0.0.0.0", address="https://desk.example.org"), "secret-token")
+    assert access.url(8765) == "https://desk.example.org/?token=secret-token"
+    assert access.guest_url(8765).startswith("https://desk.example.org/?token=")
+    assert access.host_is_ours("desk.example.org")
+    assert access.host_is_ours("Desk.Example.org:443")
+    assert access.origin_is_ours("https://desk.example.org", "desk.example.org")
+    assert not access.host_is_ours("evil.example")
+    assert not Access(Door("0.0.0.0")).host_is_ours("desk.example.org")
+
+
+def test_a_cookie_given_through_tls_is_never_sent_without__law():
+    access = Access(Door(address="https://desk.example.org"), "secret-token")
+
+    async def visit() -> None:
+        application = web.Application(middlewares=[access.guard()])
+        async with TestServer(application) as server, TestClient(server) as client:
+            for host, secure in (("desk.example.org", True), ("127.0.0.1", False)):
+                entered = await client.get(
+                    "/?token=secret-token", headers={"Host": host}, allow_redirects=False
+                )
+                assert ("Secure" in entered.headers["Set-Cookie"]) == secure
+
+    asyncio.run(visit())
 
 
 @pytest.mark.parametrize(
@@ -38,14 +65,15 @@ def test_guests_of_the_network_get_an_address_they_can_reach__law():
         ("127.0.0.1", "192.168.1.7:8765", False),
         ("0.0.0.0", "192.168.1.7:8765", True),
         ("0.0.0.0", "evil.example:8765", False),
+        ("127.0.0.1", "", False),
     ],
 )
 def test_a_rebound_name_is_not_ours__truth(listening, asked, ours):
-    assert Access(listening).host_is_ours(asked) == ours
+    assert Access(Door(listening)).host_is_ours(asked) == ours
 
 
 def test_other_origins_are_not_ours__truth():
-    access = Access("127.0.0.1")
+    access = Access(Door("127.0.0.1"))
     assert access.origin_is_ours(None, "127.0.0.1:1")
     assert access.origin_is_ours("http://127.0.0.1:1", "127.0.0.1:1")
     assert not access.origin_is_ours("http://127.0.0.1:2", "127.0.0.1:1")
@@ -53,7 +81,7 @@ def test_other_origins_are_not_ours__truth():
 
 
 def test_operators_and_guests_come_in_and_strangers_do_not__law():
-    access = Access("127.0.0.1", "secret-token")
+    access = Access(Door("127.0.0.1"), "secret-token")
 
     async def who(request: web.Request) -> web.Response:
         return web.Response(text="guest" if is_guest(request) else "operator")

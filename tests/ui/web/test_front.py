@@ -20,7 +20,7 @@ from aiohttp import web
 from core.errors import PhotogrammetryError
 from tests.ui.desk_block import tiny_block
 from ui.review.tiles import Lattice
-from ui.web.access import Access
+from ui.web.access import Access, Door
 from ui.web.channel import Channel
 from ui.web.front import Front, FrontInputs, as_json
 from ui.web.tiles import Sources, TileStore
@@ -49,7 +49,9 @@ def inputs(tmp_path):
     (results / "sheets" / "linked").symlink_to(results / "ortho")
     (results / "linked").symlink_to(results / "ortho")
     (results / "link.csv").symlink_to("/etc/hostname")
-    yield FrontInputs(Access("127.0.0.1", "t" * 32), None, tiles, None, {"name": "kobyli"}, results)
+    yield FrontInputs(
+        Access(Door("127.0.0.1"), "t" * 32), None, tiles, None, {"name": "kobyli"}, results
+    )
     tiles.close()
 
 
@@ -57,7 +59,7 @@ class Visitor:
     """Somebody with the token."""
 
     def __init__(self, inputs: FrontInputs) -> None:
-        self.front = Front(inputs, "127.0.0.1", 0)
+        self.front = Front(inputs)
         self.front.start()
         self.cookie = f"{inputs.access.cookie}={inputs.access.token}"
 
@@ -154,7 +156,8 @@ def test_a_seat_is_given_and_an_own_one_is_kept__law(inputs):
 
 def test_a_port_that_is_taken_is_an_error__law(inputs):
     with Visitor(inputs) as visitor:
-        other = Front(inputs, "127.0.0.1", visitor.front.port)
+        taken = Access(Door(port=visitor.front.port), "t" * 32)
+        other = Front(replace(inputs, access=taken))
         with pytest.raises(PhotogrammetryError, match=r"in use.*--port"):
             other.start()
 

@@ -1,8 +1,8 @@
 // The list of blocks in a folder: how good each is, who has signed it, and how far a batch is.
-import { all, byId, element, number, start, word } from "./words.js";
+import { all, byId, clamped, element, number, start, word } from "./words.js";
 
 const LOOK_MS = 3000; // design: a stage takes seconds to minutes
-const STATES = ["running", "waiting", "failed", "done"];
+const STATES = ["running", "waiting", "left", "failed", "done"];
 const state = { batch: /** @type {Batch | null} */ (null), timer: 0 };
 
 /** @param {Found} found @param {(path: string) => void} choose */
@@ -26,7 +26,7 @@ function blockLine(block, choose) {
     element("span", {}, element("button", { disabled: start.guest,
       onclick: () => choose(block.path) }, block.path),
     element("small", {}, now && !block.run ? "" : blockTold(block).join(" \u00b7 ")),
-    element("small", { "data-batch": block.path }, now)));
+    element("small", { "data-batch": block.path }, clamped(now))));
 }
 
 /** @param {FoundBlock} block */
@@ -77,7 +77,9 @@ export function watchBatch(batch, ended) {
     if (open(now) !== open(batch)) return ended();
     state.batch = now;
     byId("batch").textContent = batchTold();
-    for (const line of all("[data-batch]")) line.textContent = stateTold(line.dataset.batch ?? "");
+    for (const line of all("[data-batch]")) {
+      line.replaceChildren(clamped(stateTold(line.dataset.batch ?? "")));
+    }
     watchBatch(now, ended);
   }, LOOK_MS);
 }
