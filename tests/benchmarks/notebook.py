@@ -213,6 +213,8 @@ def printed_tables(lines: Sequence[str]) -> list[tuple[list[str], list[list[str]
     for line in lines:
         cells = _cells(line)
         if cells and set("".join(cells)) <= set("-: "):
+            if found and before in found[-1][1][-1:]:
+                found[-1][1].pop()  # the line before was the head of this one
             found.append((before, []))
         elif cells and found:
             found[-1][1].append(cells)

@@ -43,6 +43,8 @@ from ui.web.access import Door
 
 PAGES, MOST_GROWTH = 10, 10.0
 TOKEN = "benchmark-token-benchmark-token-0"
+STATES = {"reject": "rejected", "dubious": "dubious", "accept": "accepted"}
+"""What each verdict makes of a row."""
 
 
 def effect(count: int) -> bool:
@@ -110,7 +112,8 @@ class Page:
 
     @property
     def current(self) -> list[str]:
-        return self.parts["rows"][self.parts["queue"]["current"]][:2]
+        """The measurement that is shown; none once all are decided."""
+        return self.parts["rows"].get(self.parts["queue"]["current"], [])[:2]
 
 
 async def opened_page(session: aiohttp.ClientSession, port: int, seat: str) -> Page:
@@ -172,10 +175,9 @@ async def _decide_until_killed(port: int, pid: int, rng: random.Random) -> tuple
             while True:
                 decided = page.parts["status"]["decided"]
                 known = max(known, decided)
-                verdict = rng.choice(["invisible", "reject", "dubious"])
-                await page.socket.send_json(
-                    {"kind": "judge", "key": page.current, "verdict": verdict}
-                )
+                row = rng.choice(list(page.parts["rows"].values()))
+                verdict = rng.choice([name for name, state in STATES.items() if state != row[3]])
+                await page.socket.send_json({"kind": "judge", "key": row[:2], "verdict": verdict})
                 asked += 1
                 await page.until(lambda parts, d=decided: parts["status"]["decided"] > d, 2)
         killing.cancel()
@@ -222,13 +224,12 @@ async def _many(session: aiohttp.ClientSession, port: int, name: str, count: int
     mine = keys[::2] if name == "berta" else keys[1::2]
     for number in range(count):
         key = mine[number % len(mine)]
-        verdict = ("reject", "dubious")[number // len(mine) % 2]
+        verdict = tuple(STATES)[number // len(mine) % 2]
         await page.socket.send_json({"kind": "select", "key": key})
         await page.until(lambda parts, k=key: page.current == k)
         await page.socket.send_json({"kind": "judge", "key": key, "verdict": verdict})
-        state = {"reject": "rejected", "dubious": "dubious"}[verdict]
         place = next(i for i, row in page.parts["rows"].items() if row[:2] == key)
-        await page.until(lambda parts, p=place, s=state: parts["rows"][p][3] == s)
+        await page.until(lambda parts, p=place, v=verdict: parts["rows"][p][3] == STATES[v])
 
 
 def memory(count: int) -> bool:

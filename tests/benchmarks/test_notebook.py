@@ -91,6 +91,7 @@ def test_a_table_with_other_columns_is_left_alone__truth() -> None:
             [["1", "ours", "90 %", "3"], ["2", "ours", "85 %", "4"]],
         )
     ]
+    assert printed_tables([*PRINTED, "", *PRINTED]) == 2 * printed_tables(PRINTED)
     other = ["| pair | recall |", "|---|---|", "| 1 | 99 % |"]
     assert with_printed(TABLE, other, "ccccccc", "2026-11-22 10:00") == TABLE
 
