@@ -1,23 +1,19 @@
 """Values of arguments: read from what was typed, or refused in a sentence."""
 
 import argparse
+import re
 from collections.abc import Callable
-from urllib.parse import urlsplit
 
 MOST_RELIEF_M = 2000.0
+ADDRESS = re.compile(r"https?://([a-z0-9-]+(\.[a-z0-9-]+)*|\[[0-9a-f:.]+\])(:\d{1,5})?")
+"""Scheme, name or number, and port."""
 
 
 def proxy_address(text: str) -> str:
     """An address such as https://desk.example.org, without a path; empty for none."""
     address = text.strip().rstrip("/").lower()
-    try:
-        parts = urlsplit(address)
-        port = "" if parts.port is None else f":{parts.port}"
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not an address") from error
     # The pages ask for what they need from the root of their name.
-    known = parts.scheme in ("http", "https") and bool(parts.hostname)
-    if address and not (known and address == f"{parts.scheme}://{parts.hostname}{port}"):
+    if address and not ADDRESS.fullmatch(address):
         raise argparse.ArgumentTypeError(f"must be like https://desk.example.org, not {text}")
     return address
 

@@ -106,7 +106,11 @@ class Access:
 
     def origin_is_ours(self, origin: str | None, host: str) -> bool:
         """True when a request comes from our own page, or from no page at all."""
-        return origin is None or urlsplit(origin).netloc.lower() == host.lower()
+        ours = {f"http://{host}".lower(), f"https://{host}".lower()}
+        if self.door.address:
+            # Not every proxy passes on the name that was asked for.
+            ours.add(self.door.address)
+        return origin is None or origin.lower() in ours
 
     def _let_in(self, entering: str, request: web.Request) -> web.StreamResponse:
         """Keep the token in a cookie and take it out of the address bar."""
@@ -157,7 +161,10 @@ def network_name() -> str:
 
 def _name_of(host: str) -> str:
     """The name in a Host header, without its port."""
-    return (urlsplit(f"//{host}").hostname or "").lower()
+    try:
+        return (urlsplit(f"//{host}").hostname or "").lower()
+    except ValueError:
+        return ""
 
 
 def _is_address(name: str) -> bool:

@@ -36,6 +36,8 @@ def test_a_desk_behind_a_proxy_is_reached_by_its_name__law():
     assert access.host_is_ours("desk.example.org")
     assert access.host_is_ours("Desk.Example.org:443")
     assert access.origin_is_ours("https://desk.example.org", "desk.example.org")
+    assert access.origin_is_ours("https://desk.example.org", "127.0.0.1:8765")
+    assert not access.origin_is_ours("http://desk.example.org", "127.0.0.1:8765")
     assert not access.host_is_ours("evil.example")
     assert not Access(Door("0.0.0.0")).host_is_ours("desk.example.org")
 
@@ -66,6 +68,8 @@ def test_a_cookie_given_through_tls_is_never_sent_without__law():
         ("0.0.0.0", "192.168.1.7:8765", True),
         ("0.0.0.0", "evil.example:8765", False),
         ("127.0.0.1", "", False),
+        ("0.0.0.0", "[::1", False),
+        ("0.0.0.0", "a]b[", False),
     ],
 )
 def test_a_rebound_name_is_not_ours__truth(listening, asked, ours):
@@ -78,6 +82,8 @@ def test_other_origins_are_not_ours__truth():
     assert access.origin_is_ours("http://127.0.0.1:1", "127.0.0.1:1")
     assert not access.origin_is_ours("http://127.0.0.1:2", "127.0.0.1:1")
     assert not access.origin_is_ours("null", "127.0.0.1:1")
+    assert not access.origin_is_ours("http://[::1", "127.0.0.1:1")
+    assert not access.origin_is_ours("", "127.0.0.1:1")
 
 
 def test_operators_and_guests_come_in_and_strangers_do_not__law():
