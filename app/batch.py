@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args
 
 from app.block_tasks import BlockState, BlockTask, State, read_list
 from app.block_toml import BATCH_TABLE
+from app.report.against import REPORT
 from app.run import STAGE_NAMES
 from app.runners import Apart, OnCluster, Runner, dask_client
 from app.settings import Settings
@@ -72,14 +73,23 @@ def batch_told(folder: Path) -> dict[str, Any] | None:
     # Another program may have one of that name, and a person may have changed ours.
     if tuple(head) != COLUMNS or not all(_is_state(row) for row in rows):
         return None
-    # Whoever was killed could not say so.
-    ended = {} if is_held(folder / LOCK) else {"running": "left", "waiting": "left"}
+    under_way = is_held(folder / LOCK)
     told = {
-        unguarded(block): [ended.get(state, state), stage, unguarded(message)]
+        unguarded(block): [
+            _told(state, under_way, folder / unguarded(block), written), stage, unguarded(message)
+        ]
         for block, state, stage, _, _, message in rows
-    }
+    }  # fmt: skip
     when = datetime.fromtimestamp(written, UTC).isoformat(timespec="seconds")
     return {"written": when, "blocks": told}
+
+
+def _told(state: str, under_way: bool, block: Path, written: float) -> str:
+    """What a state of the table means now: whoever was killed could not write it."""
+    if under_way or state in ("done", "failed"):
+        return state
+    report = block / REPORT
+    return "done" if report.is_file() and report.stat().st_mtime > written else "left"
 
 
 class Batch:

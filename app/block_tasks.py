@@ -11,6 +11,7 @@ from typing import Literal
 
 from app.block_list import blocks_in
 from app.block_toml import FILE, folder_of
+from app.report.against import REPORT
 from app.run import STAGE_NAMES
 from core.errors import ProjectError
 from core.formats.records import plain_bytes
@@ -63,7 +64,7 @@ class BlockState:
     @property
     def findings(self) -> str:
         """Grave findings of its report, by number and first sentence; empty without a report."""
-        report = self.task.block / "results" / "report.json"
+        report = self.task.block / REPORT
         if self.state != "done" or not report.is_file():
             return ""
         verdict = json.loads(report.read_text(encoding="utf-8"))["verdict"]

@@ -69,6 +69,17 @@ def test_a_table_tells_how_far_its_blocks_are_and_another_program_s_tells_nothin
     assert told["written"].endswith("+00:00")
 
 
+def test_a_block_that_was_run_after_its_batch_had_been_killed_is_done__truth(tmp_path):
+    head = "block,state,stage,seconds,findings,message\n"
+    table = tmp_path / BATCH_TABLE
+    table.write_text(f"{head}one,running,ties,0,,\ntwo,waiting,,0,,\n", encoding="utf-8")
+    os.utime(table, (0, 0))
+    (tmp_path / "one" / "results").mkdir(parents=True)
+    (tmp_path / "one" / "results" / "report.json").write_text("{}", encoding="utf-8")
+    blocks = batch_told(tmp_path)["blocks"]
+    assert [blocks[name][0] for name in ("one", "two")] == ["done", "left"]
+
+
 def test_a_list_that_its_table_would_replace_is_refused__law(tmp_path, three, capsys):
     source = tmp_path / BATCH_TABLE
     source.write_text("block\narchive/a\n", encoding="utf-8")
