@@ -1,12 +1,13 @@
 """Gray pixels of a scan as its file has them: averages, levels of JPEG 2000, palettes, polarity."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float32, Float64, Shaped
+from rasterio._err import CPLE_AppDefinedError
 from rasterio.enums import ColorInterp
 from rasterio.errors import RasterioError
 
@@ -141,7 +142,7 @@ def shown_bands(dataset: Any) -> list[int]:
     """Numbers of the bands that show the ground; one of a palette, which stands for three."""
     if dataset.count < 3:
         return [1]
-    kinds = zip(dataset.indexes, dataset.colorinterp, strict=True)
+    kinds = zip(dataset.indexes, _kinds(dataset), strict=True)
     return [number for number, kind in kinds if kind != ColorInterp.alpha]
 
 
@@ -172,7 +173,18 @@ def white_is_nought(dataset: Any) -> bool:
 
 def _has_palette(dataset: Any) -> bool:
     """Whether the values are numbers of colours."""
-    return bool(dataset.colorinterp[0] == ColorInterp.palette)
+    return bool(_kinds(dataset)[0] == ColorInterp.palette)
+
+
+def _kinds(dataset: Any) -> Sequence[ColorInterp]:
+    """What each band shows."""
+    try:
+        return dataset.colorinterp
+    except CPLE_AppDefinedError as error:
+        # What a camera wrote of itself may be damaged. GDAL says so once; no pixel needs it.
+        if "EXIF" not in str(error):
+            raise
+        return dataset.colorinterp
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -139,6 +140,23 @@ def test_colour_becomes_gray__truth(tmp_path: Path, suffix: str, driver: str) ->
     write_gray(path, colour, driver=driver)
     gray = read_window(open_scan(path), 0, 0, 64, 64)
     assert np.abs(gray - (0.299 * 200 + 0.587 * 100 + 0.114 * 50)).max() < 3
+
+
+@pytest.mark.parametrize("bands", [1, 3])
+def test_spoilt_data_of_the_camera_hide_no_picture__truth(tmp_path: Path, bands: int) -> None:
+    """The five frames of SXB Strasbourg hold an EXIF directory that points behind their end."""
+    whole, spoilt = tmp_path / "whole.jpg", tmp_path / "spoilt.jpg"
+    colours = np.dstack([VALUES, VALUES[::-1], VALUES[:, ::-1]])
+    cv2.imwrite(str(whole), colours if bands == 3 else VALUES)
+    exif = b"Exif\0\0II*\0" + (0x14960000).to_bytes(4, "little")
+    data = whole.read_bytes()
+    length = (len(exif) + 2).to_bytes(2, "big")
+    spoilt.write_bytes(data[:2] + b"\xff\xe1" + length + exif + data[2:])
+    scan = open_scan(spoilt)
+    assert scan.bands == bands
+    np.testing.assert_array_equal(
+        read_window(scan, 0, 0, 300, 200), read_window(open_scan(whole), 0, 0, 300, 200)
+    )
 
 
 def test_sixteen_bits_keep_their_values__truth(tmp_path: Path) -> None:
