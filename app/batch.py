@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from app.block_tasks import BlockState, BlockTask, State, read_list
-from app.block_toml import BATCH_TABLE
+from app.block_toml import BATCH_TABLE, FILE
 from app.report.against import REPORT
 from app.run import STAGE_NAMES
 from app.runners import Apart, OnCluster, Runner, dask_client
@@ -45,7 +45,7 @@ def listed(sources: Sequence[Path], voice: Voice, language: str) -> "Batch":
     """
     tasks = [replace(task, language=language) for task in read_list(*sources)]
     first = sources[0]
-    if len(sources) > 1 or glob.has_magic(str(first)):
+    if len(sources) > 1 or glob.has_magic(str(first)) or (first / FILE).is_file():
         # The shell may have spelt a pattern out: its blocks have a folder above them.
         first = Path(os.path.commonpath([os.path.abspath(task.block.parent) for task in tasks]))
     table = (first if first.is_dir() else first.parent) / BATCH_TABLE
@@ -115,7 +115,7 @@ class Batch:
                 as many blocks side by side as there are workers, with one thread each; a single
                 one with all of them. `dask`: each worker of a Dask cluster takes one block at a
                 time.
-            workers: Threads, or processes.
+            workers: Threads, processes, or workers of a cluster of this machine.
             scheduler: Address of the Dask scheduler; a cluster on this machine without one.
 
         Raises:
@@ -168,7 +168,7 @@ class Batch:
     def _runner(self, executor: Executor, workers: int, scheduler: str) -> Generator[Runner]:
         """What runs one block."""
         if executor == "dask":
-            with dask_client(scheduler) as client:
+            with dask_client(scheduler, workers) as client:
                 if not client.scheduler_info()["workers"]:
                     self.voice.say(say("The cluster has no workers yet. Blocks wait."))
                 yield OnCluster(client, self._tell, self.tasks)

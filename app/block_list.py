@@ -2,6 +2,8 @@
 
 import json
 import math
+import os
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, cast
@@ -36,7 +38,17 @@ def blocks_in(folder: Path) -> list[str]:
     for depth in range(1, BLOCKS_DEPTH + 1):
         with suppress(OSError):
             found += folder.glob("/".join(["*"] * depth + [FILE]))
-    return [path.parent.relative_to(folder).as_posix() for path in sorted(found)]
+    return [path.relative_to(folder).as_posix() for path in each_once(p.parent for p in found)]
+
+
+def each_once(folders: Iterable[Path]) -> list[Path]:
+    """Folders in the order of their names, without links to one that is there itself."""
+    found = {os.path.realpath(path): path for path in sorted(folders, key=_is_link)[::-1]}
+    return sorted(found.values())
+
+
+def _is_link(folder: Path) -> bool:
+    return os.path.realpath(folder) != os.path.abspath(folder)
 
 
 def block_told(folder: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from app.block_list import blocks_in
+from app.block_list import blocks_in, each_once
 from app.block_toml import FILE, folder_of
 from app.report.against import REPORT
 from app.run import STAGE_NAMES
@@ -99,8 +99,8 @@ def _tasks(source: Path) -> list[BlockTask]:
     if source.is_dir():
         tasks = [BlockTask(source / path) for path in blocks_in(source)]
     elif glob.has_magic(str(source)) and not source.exists():
-        found = (Path(path) for path in sorted(glob.glob(str(source), recursive=True)))
-        tasks = [BlockTask(path) for path in found if (path / FILE).is_file()]
+        found = (Path(path) for path in glob.glob(str(source), recursive=True))
+        tasks = [BlockTask(path) for path in each_once(p for p in found if (p / FILE).is_file())]
     else:
         tasks = [_task(source, row) for row in _rows(source)]
     if not tasks:

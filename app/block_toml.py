@@ -11,6 +11,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
+from unicodedata import category
 
 from app.block_schema import SECTIONS, Key, Kind, keys_of
 from core.errors import ProjectError
@@ -169,6 +170,8 @@ class Table:
                 say("must be text, not {value!r}.", value=value),
                 "Write it in double quotes.",
             )
+        if any(category(sign) == "Cc" for sign in value):
+            raise self.error(key, "holds a line break or control character.", "Write one line.")
         return value
 
     def flag(self, key: str) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
-from app.block_toml import folder_of
+from app.block_toml import FILE, folder_of
 from app.epochs import Epoch, epoch_of
 from app.project import read_project
 from core.errors import ProjectError
@@ -131,11 +131,15 @@ def compare_years(
         progress: Told of all; may raise `Cancelled`.
 
     Raises:
-        ProjectError: Two that follow each other have no ground in common.
+        ProjectError: Two that follow each other have no ground in common; or the folder lies in
+            a block, whose files are its own.
     """
     pairs: list[YearPair] = []
+    inside = next((one for one in (out, *out.resolve().parents) if (one / FILE).is_file()), None)
+    if inside is not None:
+        remedy = "Name a folder of its own with --out."
+        raise ProjectError(out, "lies in the block {block}.", remedy, block=inside)
     with explain_disk_errors(out):
-        out.mkdir(parents=True, exist_ok=True)
         for number, (earlier, later) in enumerate(pairwise(blocks)):
             part = Part(progress, number / (len(blocks) - 1), (number + 1) / (len(blocks) - 1))
             pairs.append(_compare(earlier, later, out, part))
@@ -157,6 +161,7 @@ def _compare(earlier: DatedBlock, later: DatedBlock, out: Path, progress: Progre
         raise ProjectError(folder, cause, "Compare blocks over one place.")
     picture = find_change(now, then, bounds, Part(progress, 0.0, 0.6))
     heights = None
+    out.mkdir(parents=True, exist_ok=True)
     target = out / f"height_change_{earlier.year}_{later.year}.tif"
     if earlier.epoch.has_surface and later.epoch.has_surface:
         heights = _compare_heights(earlier, later, target, Part(progress, 0.6, 1.0))

@@ -176,6 +176,9 @@ def read_project(path: Path, *, brought: bool = False) -> Project:
     # Unlike Path.resolve, this follows links in a circle no further. A linked file counts where
     # the link is: there lie the scans, and there go the results.
     folder = Path(os.path.realpath(file.parent))
+    if {"\n", "\r"} & set(str(folder)):
+        cause = "lies in a folder whose name holds a line break, where GDAL opens nothing."
+        raise ProjectError(folder / file.name, cause, "Rename the folder.")
     return project_of(Document(folder / file.name), brought=brought)
 
 

@@ -143,8 +143,8 @@ def _line_of(text: str) -> dict[str, Any]:
     return cast("dict[str, Any]", line) if isinstance(line, dict) else {}
 
 
-def dask_client(scheduler: str) -> Any:
-    """A client of a Dask cluster, the one of this machine where none is named.
+def dask_client(scheduler: str, workers: int) -> Any:
+    """A client of a Dask cluster; one of this machine, of so many workers, where none is named.
 
     Raises:
         ProjectError: Dask is not installed, or the scheduler does not answer.
@@ -161,7 +161,8 @@ def dask_client(scheduler: str) -> Any:
         if scheduler:
             return Client(scheduler)
         # Its own pages at any free port: two clusters on one machine would want the same one.
-        return Client(threads_per_worker=1, dashboard_address="127.0.0.1:0")
+        at = "127.0.0.1:0"
+        return Client(n_workers=workers, threads_per_worker=1, dashboard_address=at)
     except (OSError, ValueError) as error:
         remedy = "Start it with `dask scheduler`, or correct --scheduler."
         raise ProjectError(scheduler, "does not answer.", remedy) from error

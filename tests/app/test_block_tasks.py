@@ -55,6 +55,15 @@ def test_a_list_that_cannot_be_used_is_refused_by_name__law(tmp_path, three, tex
     assert not (tmp_path / BATCH_TABLE).exists()
 
 
+def test_a_link_to_a_block_beside_it_is_no_second_block__law(tmp_path, three):
+    archive = three[0].parent
+    (archive / "0-link").symlink_to("a")
+    for source in (archive, archive / "*"):
+        assert [task.block.name for task in read_list(source)] == ["a", "b", "c"]
+    (tmp_path / "lone").symlink_to(three[1])
+    assert [task.block.name for task in read_list(tmp_path / "lone*")] == ["lone"]
+
+
 def test_a_list_that_is_not_there_is_told_so__truth(tmp_path):
     with pytest.raises(ProjectError, match="does not exist"):
         read_list(tmp_path / "list.csv")

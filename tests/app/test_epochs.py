@@ -10,7 +10,7 @@ import pytest
 import rasterio
 
 from app.change import compare_years, dated_blocks, told_lines
-from app.cli import main
+from app.cli import UNUSABLE, main
 from app.epochs import Epoch, origin_files
 from app.project import described, read_project
 from core.errors import ProjectError
@@ -144,6 +144,8 @@ def test_change_is_written_and_told__truth(tmp_path: Path) -> None:
     assert table[0][6] == pytest.approx(5 * 2500, rel=0.1)
     with rasterio.open(out / "height_change_1938_1953.tif") as file:
         assert np.count_nonzero(file.read(1) > 2.5) == pytest.approx(2500, rel=0.1)
+    assert main(["change", *map(str, blocks), "--out", str(blocks[0] / "results")]) == UNUSABLE
+    assert not (blocks[0] / "results" / "change.gpkg").exists()
     (pair,) = compare_years(dated_blocks(blocks), out, SILENT)
     assert pair.picture.shares["different"] == 0
     assert "raised 1 area, 0.27 ha" in "".join(told_lines(pair))

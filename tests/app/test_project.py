@@ -349,6 +349,7 @@ MISTAKES = {
     "geographic": (swap("crs", '"EPSG:4326"'), r":4 .*does not count in metres .*Give a projected"),
     "positive krovak": (swap("crs", '"EPSG:5513"'), r"south and west, .*that is EPSG:5514"),
     "feet": (swap("crs", '"EPSG:2263"'), "counts in US survey foot, not in metres"),
+    "name": (swap("name", r'"a\\nb"'), r":3 .*line break or control character"),
     "heights": (swap("heights", '"EPSG:5514"'), "is no height system"),
 }
 
@@ -417,6 +418,14 @@ def test_missing_attribute_names_those_that_are_there__truth(folder: Path) -> No
     )
     with pytest.raises(ProjectError, match=r'no attribute "scan". It has LMS_TIF_UP'):
         read(folder, put('footprints = "footprints.gpkg"\nfootprint_name = "scan"'))
+
+
+def test_a_folder_of_two_lines_is_refused_by_name__truth(folder: Path, tmp_path: Path) -> None:
+    """GDAL told of a good file that nobody knew what it was."""
+    odd = tmp_path / "two\nlines"
+    shutil.copytree(folder, odd)
+    with pytest.raises(ProjectError, match="line break"):
+        read_project(odd)
 
 
 def test_missing_block_points_to_gruber_new__truth(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from core.errors import StorageError
 from sessions.processes import is_alive, is_held, only_run, this_process
 
 
@@ -32,6 +33,13 @@ def test_a_start_is_counted_as_the_kernel_counts_it__oracle() -> None:
     """proc(5), field 22 of stat: names that earlier versions left are understood."""
     stat = Path("/proc/self/stat").read_text()
     assert this_process().split("-")[1:] == [str(os.getpid()), stat.rpartition(")")[2].split()[19]]
+
+
+def test_a_pipe_for_a_lock_is_refused__law(tmp_path):
+    """Opening it would wait for a reader."""
+    os.mkfifo(tmp_path / "lock")
+    with pytest.raises(StorageError, match="is no file"), only_run(tmp_path / "lock", "ada"):
+        pass
 
 
 def test_a_lock_is_held_while_its_process_is_at_work__law(tmp_path):

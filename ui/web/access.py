@@ -69,7 +69,7 @@ class Access:
         Where other machines are answered too, it names this one as they see it.
         """
         url = self.url(port).replace(self.token, self.guest_token)
-        if self.door.host not in ANYWHERE:
+        if self.door.address or self.door.host not in ANYWHERE:
             return url
         return url.replace("//127.0.0.1:", f"//{network_name()}:")
 

@@ -33,6 +33,8 @@ def test_a_desk_behind_a_proxy_is_reached_by_its_name__law():
     access = Access(Door("0.0.0.0", address="https://desk.example.org"), "secret-token")
     assert access.url(8765) == "https://desk.example.org/?token=secret-token"
     assert access.guest_url(8765).startswith("https://desk.example.org/?token=")
+    inner = Access(Door("0.0.0.0", address="http://127.0.0.1:80"))
+    assert inner.guest_url(8765).startswith("http://127.0.0.1:80/")
     assert access.host_is_ours("desk.example.org")
     assert access.host_is_ours("Desk.Example.org:443")
     assert access.origin_is_ours("https://desk.example.org", "desk.example.org")
