@@ -325,16 +325,16 @@ def _check_names(block: ExchangeBlock) -> None:
 
 def _check_numbers(block: ExchangeBlock) -> None:
     """Refuse what is too large for any place on the Earth or in a scan."""
-    places: dict[str, Sequence[float]] = {
-        name: (*p.position, *(p.sigma_m or ())) for name, p in block.points.items()
-    }
+    places: list[tuple[str, Sequence[float]]] = [
+        (name, (*p.position, *(p.sigma_m or ()))) for name, p in block.points.items()
+    ]
     for name, photo in block.photos.items():
         if photo.exterior is not None:
-            places[name] = (*photo.exterior.centre, *photo.exterior.angles)
+            places.append((name, (*photo.exterior.centre, *photo.exterior.angles)))
         if photo.pixel_from_image is not None:
-            places[name] = (*places.get(name, ()), *photo.pixel_from_image.ravel())
-    places |= {one.point_id: (one.column, one.row) for one in block.measurements}
-    for name, values in places.items():
+            places.append((name, photo.pixel_from_image.ravel().tolist()))
+    places += [(one.point_id, (one.column, one.row)) for one in block.measurements]
+    for name, values in places:
         if not all(abs(value) < FARTHEST for value in values):
             raise ValueError(f"{name}: {[float(value) for value in values]}")
     if not (np.abs(block.ties.pixels) < FARTHEST).all():

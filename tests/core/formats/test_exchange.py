@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation as Turn
 
+from core.errors import PhotogrammetryError
 from core.formats.exchange import (
     ExchangeCamera,
     ExchangeFormat,
@@ -113,3 +114,14 @@ def test_distortion_is_undone__law(numbers: Numbers) -> None:
     _, camera = photo_of(numbers)
     ideal = np.array([[0.0, 0.0], [0.4, -0.3], [-0.5, 0.5]])
     assert np.allclose(ideal_from_image(image_from_ideal(ideal, camera), camera), ideal, atol=1e-12)
+
+
+@pytest.mark.parametrize("bad", [np.inf, np.nan, -1e300])
+def test_every_measurement_of_a_point_lies_somewhere__law(bad: float) -> None:
+    """Only the last one of each point was looked at."""
+    first, *others = (block := block_of((7, 3, 1, False))).measurements
+    assert any(one.point_id == first.point_id for one in others)
+    spoilt = replace(block, measurements=(replace(first, column=bad), *others))
+    form = replace(next(iter(FORMATS.values())), read=lambda _: spoilt)
+    with pytest.raises(PhotogrammetryError, match=first.point_id):
+        read_format(form, Path("block"))
