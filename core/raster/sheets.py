@@ -11,10 +11,11 @@ from typing import Any, Literal, cast
 
 import numpy as np
 import rasterio
-from jaxtyping import Bool, Float64, Int32, Num
+from jaxtyping import Bool, Float64, Int32, Num, Shaped
 from pyproj import CRS
 from rasterio.enums import ColorInterp, MaskFlags
 from rasterio.errors import RasterioError
+from rasterio.windows import Window
 from scipy import ndimage
 
 from core.arrays import Affine2, Mask, locked
@@ -66,6 +67,9 @@ LOOKED_THROUGH_PX = 40_000_000
 # no heights and fall between them move its mean by centimetres.
 EMPTY_SAMPLE_PX = 500
 """So many of its pixels a side are looked at first."""
+# design: what is larger than a twentieth of a side is seen, in a third of a second.
+PLACES = 20
+"""Rows and columns of windows that are looked at in a large file."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -308,17 +312,15 @@ def _has_strays(raster: rasterio.DatasetReader, path: Path) -> bool:
     Raises:
         ReferenceDataError: It is nothing but nodata: it was cut in the wrong place.
     """
-    shape = (min(raster.height, EMPTY_SAMPLE_PX), min(raster.width, EMPTY_SAMPLE_PX))
-    looked_through = raster.width * raster.height <= LOOKED_THROUGH_PX
-    # A few scattered pixels may fall between those that are looked at first.
-    for sample in ({"out_shape": shape}, {}) if looked_through else ({"out_shape": shape},):
-        numbers = raster.read(1, masked=True, **sample).compressed()
-        heights = numbers[np.isfinite(numbers)].astype(np.float64)
-        heights = heights * raster.scales[0] + raster.offsets[0]
-        if len(heights):
-            return bool(((heights <= LOWEST_M) | (heights >= HIGHEST_M)).any())
-    if not looked_through:
-        return False
+    heights = _sample(raster, 1, EMPTY_SAMPLE_PX)
+    if not len(heights):
+        if raster.width * raster.height > LOOKED_THROUGH_PX:
+            return False
+        # A few scattered pixels may fall between those that are looked at first.
+        heights = _sample(raster, 1, max(raster.shape))
+    if len(heights):
+        heights = heights.astype(np.float64) * raster.scales[0] + raster.offsets[0]
+        return bool(((heights <= LOWEST_M) | (heights >= HIGHEST_M)).any())
     raise ReferenceDataError(
         path,
         "the DEM holds no height at all: every pixel is nodata.",
@@ -326,13 +328,29 @@ def _has_strays(raster: rasterio.DatasetReader, path: Path) -> bool:
     )
 
 
+def _sample(raster: rasterio.DatasetReader, band: int, side_px: int) -> Shaped[np.ndarray, "n"]:
+    """Finite numbers of a band, spread over it: so many pixels a side, without nodata."""
+    rows, columns = (min(side, side_px) for side in raster.shape)
+    if raster.width * raster.height <= LOOKED_THROUGH_PX or raster.overviews(band):
+        numbers = raster.read(band, masked=True, out_shape=(rows, columns)).compressed()
+        return numbers[np.isfinite(numbers)]
+    # A large file without reduced copies would be read through, and takes minutes.
+    high, wide = (max(1, side // PLACES) for side in (rows, columns))
+    tops, lefts = (
+        np.linspace(0, side - own, PLACES).astype(int)
+        for side, own in zip(raster.shape, (high, wide), strict=True)
+    )
+    windows = (Window(left, top, wide, high) for top in tops for left in lefts)
+    pieces = [raster.read(band, masked=True, window=one).compressed() for one in windows]
+    numbers = np.concatenate(pieces)
+    return numbers[np.isfinite(numbers)]
+
+
 def _white_value(raster: rasterio.DatasetReader, band: int) -> float:
     """The value to show as white: 255, or a high percentile where pixels have more bits."""
     if raster.dtypes[band - 1] == "uint8":
         return 255.0
-    shape = (min(raster.height, WHITE_SAMPLE_PX), min(raster.width, WHITE_SAMPLE_PX))
-    sample = raster.read(band, out_shape=shape, masked=True).compressed()
-    sample = sample[np.isfinite(sample)]
+    sample = _sample(raster, band, WHITE_SAMPLE_PX)
     # design: no division by nought
     return max(float(np.percentile(sample, WHITE_PERCENTILE)), 1e-6) if len(sample) else 255.0
 

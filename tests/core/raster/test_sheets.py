@@ -118,6 +118,21 @@ def test_a_few_heights_between_nodata_are_found__truth(tmp_path):
     assert open_sheet(path, BLOCK, "DEM").masked
 
 
+@pytest.mark.parametrize("top", [0, 700, 1933])
+def test_strays_of_a_large_file_are_seen_without_reading_it_through__law(
+    tmp_path, monkeypatch, top
+):
+    """A national DEM without overviews was read from end to end, for five hundred rows of it."""
+    monkeypatch.setattr("core.raster.sheets.LOOKED_THROUGH_PX", 1000)
+    monkeypatch.setattr("core.raster.sheets.EMPTY_SAMPLE_PX", 100)
+    heights = np.full((2000, 2100), 250, np.int16)
+    path = write_raster(tmp_path / "sound.tif", heights, place(1.0))
+    assert not open_sheet(path, BLOCK, "DEM").strays
+    heights[top : top + 110, 1200:1320] = -32768
+    path = write_raster(tmp_path / "strays.tif", heights, place(1.0))
+    assert open_sheet(path, BLOCK, "DEM").strays
+
+
 def test_a_sheet_is_looked_at_once_while_it_does_not_change__law(tmp_path):
     path = write_raster(tmp_path / "a.tif", np.ones((30, 40), np.uint8), place(0.5))
     first = open_sheet(path, BLOCK, "ortho")
