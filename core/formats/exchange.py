@@ -9,6 +9,7 @@ from the principal point. The lens moves an ideal point to
 (Brown 1971), and an affine transform maps it into the scan.
 """
 
+import csv
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -279,7 +280,7 @@ class ExchangeFormat:
 # What a reader stumbles over in a file that is damaged or of another program.
 DAMAGE = (
     ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError,
-    StopIteration, OSError, ProjError,
+    StopIteration, OSError, ProjError, csv.Error,
 )  # fmt: skip
 
 

@@ -104,7 +104,7 @@ def read_pix4d_points(path: Path) -> ExchangeBlock:
 
 def _rows(path: Path) -> list[Record]:
     """Lines of a table, whatever parts its cells, without a line of heads."""
-    first = read_text(path).lstrip().partition("\n")[0]
+    first = next(iter(read_text(path).lstrip().splitlines()), "")
     delimiter = max(DELIMITERS, key=lambda sign: len(_cells(sign, first)))
     parted = partial(_cells, delimiter) if len(_cells(delimiter, first)) > 1 else str.split
     records = read_records(path, parted, comment="")

@@ -85,3 +85,11 @@ def test_broken_tables_are_named__truth(tmp_path: Path, text: str, words: str) -
     path.write_text(text)
     with pytest.raises(PhotogrammetryError, match=words):
         read_format(PIX4D_POINTS, path)
+
+
+def test_lines_of_any_system_are_read__truth(tmp_path: Path) -> None:
+    write_pix4d_points(tmp_path, BLOCK)
+    whole, table = read_format(PIX4D_POINTS, tmp_path), tmp_path / "checkpoints.csv"
+    table.write_bytes(table.read_bytes().replace(b"\n", b"\r"))
+    again = read_format(PIX4D_POINTS, tmp_path)
+    assert (again.points, again.measurements) == (whole.points, whole.measurements)
