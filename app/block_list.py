@@ -10,6 +10,7 @@ from typing import Any, cast
 
 from app.block_toml import FILE
 from app.project import read_project
+from app.report.against import REPORT
 from core.adjustment.adjusted import AdjustmentReport
 from core.errors import PhotogrammetryError, StorageError
 from core.quality.job_rules import USUAL_RULES
@@ -21,7 +22,7 @@ from sessions.checks import (
     version_on_disk,
 )
 from sessions.remarks import standing_faults
-from sessions.session import HIDDEN, RESULTS, Session
+from sessions.session import HIDDEN, Session
 from sessions.sheet_samples import sheets_on_disk
 
 MOST_LISTED = 500
@@ -67,7 +68,7 @@ def block_told(folder: Path) -> dict[str, Any]:
     if not was_made(folder, "control"):
         return told
     with suppress(OSError, ValueError, KeyError, TypeError):
-        figures = json.loads((folder / RESULTS / "report.json").read_text(encoding="utf-8"))
+        figures = json.loads((folder / REPORT).read_text(encoding="utf-8"))
         told["sigma"] = figures["adjustment"]["sigma_nought"]
         told["predicted"] = figures["certificate"]["predicted_m"]
     # A session that cannot be read is told of when its desk is opened.
