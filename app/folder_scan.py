@@ -11,7 +11,6 @@ from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 import pyogrio.raw
-import rasterio
 from pyproj import CRS
 from pyproj.exceptions import CRSError
 from rasterio.errors import RasterioIOError
@@ -20,6 +19,7 @@ from app.block_toml import BATCH_TABLE, FILE, RASTERS
 from core.errors import ReferenceDataError, ScanError
 from core.formats.vectors import GDAL_ERRORS, check_files, no_remarks
 from core.geometry.crs import horizontal
+from core.raster.files import open_plain
 from core.raster.scan_file import open_scan
 
 Kind = Literal["scan", "ortho", "dem", "other"]
@@ -279,7 +279,7 @@ def _each(
 
 
 def _raster(path: Path) -> FoundRaster:
-    with rasterio.open(path) as raster:
+    with open_plain(path, {}) as raster:
         transform = raster.transform
         placed = not transform.is_identity or bool(raster.gcps[0])
         turned = max(abs(transform.b), abs(transform.d)) > 1e-6 * abs(transform.a)

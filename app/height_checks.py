@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-import rasterio
 from pyproj import CRS
 
 from app.project import Project
@@ -21,6 +20,7 @@ from core.geometry.heights import (
 )
 from core.matching.reference import DEM_SIGMA
 from core.raster.dem import Dem, HeightSource, open_dem
+from core.raster.files import open_plain
 from core.results import StageResults
 from core.said import Said, say
 
@@ -126,7 +126,7 @@ def _systems(project: Project) -> list[Said]:
         ]
     told: list[Said] = []
     for path in project.reference.dem[:1]:
-        with rasterio.open(path) as file:
+        with open_plain(path, {}) as file:
             there = vertical_of(CRS.from_wkt(file.crs.to_wkt())) if file.crs else ""
         if own and there and own != there:
             told.append(

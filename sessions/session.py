@@ -92,7 +92,10 @@ class Session:
             with explain_disk_errors(made):
                 made.mkdir(parents=True, exist_ok=True)
         FILES.web_folder = folder / HIDDEN / "web"
-        store = Store.open(folder / FILE, used=any((folder / HIDDEN / "products").iterdir()))
+        products = folder / HIDDEN / "products"
+        with explain_disk_errors(products):
+            used = any(products.iterdir())
+        store = Store.open(folder / FILE, used=used)
         for tended in (folder / HIDDEN, folder / RESULTS):
             clean_leftovers(tended)
         return cls(folder, operator, store)

@@ -1,6 +1,7 @@
 """Raster files: those that wait open, decoded tiles of them (both bounded), and colour as gray."""
 
 import os
+import sys
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Generator, Hashable, Mapping
@@ -190,7 +191,7 @@ def _with_cache(path: Path, folder: Path | None) -> Path | str:
 def open_plain(path: Path | str, options: Mapping[str, Any]) -> Any:
     """A file newly open; that it may lie nowhere on the ground is its reader's business."""
     # Python's warning filters belong to all threads, so only one may put them aside at a time.
-    with OPENING, warnings.catch_warnings():
+    with OPENING, warnings.catch_warnings(), _quoting():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         set_gdal_config("GDAL_CACHEMAX", GDAL_BYTES)
         try:
@@ -198,6 +199,26 @@ def open_plain(path: Path | str, options: Mapping[str, Any]) -> Any:
         except UnicodeDecodeError as error:
             # GDAL quotes what a spoilt file holds, and rasterio reads what GDAL says.
             raise RasterioIOError("the file holds what is no text") from error
+
+
+@contextmanager
+def _quoting() -> Generator[None]:
+    """Around what makes GDAL quote a spoilt file: rasterio prints that it cannot read the quote."""
+    shown, ignored = sys.excepthook, sys.unraisablehook
+
+    def show(kind: type[BaseException], error: BaseException, trace: Any) -> None:
+        if kind is not UnicodeDecodeError:
+            shown(kind, error, trace)
+
+    def ignore(told: "sys.UnraisableHookArgs") -> None:
+        if told.exc_type is not UnicodeDecodeError:
+            ignored(told)
+
+    sys.excepthook, sys.unraisablehook = show, ignore
+    try:
+        yield
+    finally:
+        sys.excepthook, sys.unraisablehook = shown, ignored
 
 
 OPENING = Lock()

@@ -312,3 +312,12 @@ def test_a_session_that_is_looked_at_is_read_and_never_written__law(tmp_path: Pa
     with Session.look(tmp_path / "empty", "bob") as session:
         assert session.decisions() == ()
     assert list((tmp_path / "empty").iterdir()) == []
+
+
+def test_a_folder_of_products_that_may_not_be_read_is_named__law(tmp_path: Path, monkeypatch):
+    def forbidden(folder: Path):
+        raise PermissionError(13, "Permission denied", str(folder))
+
+    monkeypatch.setattr(Path, "iterdir", forbidden)
+    with pytest.raises(StorageError, match="products"):
+        Session.open(tmp_path, "anna")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from core.raster.files import OpenFiles, TileCache, file_stamp
+from core.raster.files import OpenFiles, TileCache, file_stamp, open_plain
 from tests.core.raster_files import place, write_raster
 
 
@@ -103,3 +103,12 @@ def test_a_file_beside_counts_as_part_of_it__law(tmp_path, beside):
     before = file_stamp(path)
     (tmp_path / beside).write_text("1\n0\n0\n-1\n0\n0\n")
     assert file_stamp(path) != before
+
+
+def test_what_gdal_quotes_of_a_spoilt_file_is_printed_nowhere__law(tmp_path, capfd):
+    """Rasterio printed two tracebacks for a quote that is no text."""
+    path = tmp_path / "spoilt.tif"
+    path.write_bytes(b'<VRTDataset rasterXSize="9" rasterYSize="9"><VRTRaster\xc2(Band>')
+    with pytest.raises(OSError, match="no text"):
+        open_plain(path, {})
+    assert capfd.readouterr() == ("", "")
