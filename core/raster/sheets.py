@@ -15,7 +15,6 @@ from jaxtyping import Bool, Float64, Int32, Num, Shaped
 from pyproj import CRS
 from rasterio.enums import ColorInterp, MaskFlags
 from rasterio.errors import RasterioError
-from rasterio.windows import Window
 from scipy import ndimage
 
 from core.arrays import Affine2, Mask, locked
@@ -32,6 +31,7 @@ from core.geometry.crs import (
     same_coordinates,
 )
 from core.raster.files import FILES, Stamp, file_stamp, web_map_of
+from core.raster.grid import window_of
 from core.said import say
 
 SheetKind = Literal["ortho", "DEM"]
@@ -340,7 +340,7 @@ def _sample(raster: rasterio.DatasetReader, band: int, side_px: int) -> Shaped[n
         np.linspace(0, side - own, PLACES).astype(int)
         for side, own in zip(raster.shape, (high, wide), strict=True)
     )
-    windows = (Window(left, top, wide, high) for top in tops for left in lefts)
+    windows = (window_of((left, top, wide, high)) for top in tops for left in lefts)
     pieces = [raster.read(band, masked=True, window=one).compressed() for one in windows]
     numbers = np.concatenate(pieces)
     return numbers[np.isfinite(numbers)]
