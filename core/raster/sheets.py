@@ -337,7 +337,7 @@ def _sample(raster: rasterio.DatasetReader, band: int, side_px: int) -> Shaped[n
     # A large file without reduced copies would be read through, and takes minutes.
     high, wide = (max(1, side // PLACES) for side in (rows, columns))
     tops, lefts = (
-        np.linspace(0, side - own, PLACES).astype(int)
+        np.linspace(0, side - own, PLACES).astype(int).tolist()
         for side, own in zip(raster.shape, (high, wide), strict=True)
     )
     windows = (window_of((left, top, wide, high)) for top in tops for left in lefts)
