@@ -271,7 +271,6 @@ def _each(
             RasterioIOError,
             *GDAL_ERRORS,
             OSError,
-            UnicodeDecodeError,
             ReferenceDataError,
         ):
             unreadable.append(path)

@@ -34,8 +34,8 @@ from core.geometry.crs import (
 )
 from core.said import say
 
-GDAL_ERRORS = (DataSourceError, DataLayerError, FeatureError)
-"""What GDAL says of vector files that it cannot read or write."""
+GDAL_ERRORS = (DataSourceError, DataLayerError, FeatureError, UnicodeDecodeError)
+"""What GDAL says of vector files that it cannot read or write, and pyogrio of spoilt words."""
 LAYER_MARK = "|layername="
 """What QGIS writes between a file and one of its layers."""
 CZECH_DBF = "windows-1250"

@@ -64,3 +64,11 @@ def test_unusable_footprints_say_why__truth(tmp_path: Path) -> None:
     write_footprints(tmp_path / "f.gpkg", {"a": box(0, 0, 1, 1)}, "NAME", "EPSG:5514")
     with pytest.raises(ProjectError, match=r"no attribute 'LMS_TIF_UP', only NAME.*footprint_name"):
         read_footprints(tmp_path / "f.gpkg", "LMS_TIF_UP", ["a"])
+
+
+def test_a_name_that_is_no_text_is_told_as_a_spoilt_file__truth(tmp_path: Path) -> None:
+    path = tmp_path / "f.gpkg"
+    write_footprints(path, {"scan-name": box(0, 0, 900, 900)}, "NAME", "EPSG:5514")
+    path.write_bytes(path.read_bytes().replace(b"scan-name", b"scan\xf4(ame"))
+    with pytest.raises(ProjectError, match="not a vector file"):
+        read_footprints(path, "NAME", ["scan-name"])
