@@ -16,11 +16,13 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
 from playwright.sync_api import Page
+from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
 from sessions.decisions import Accept, MarkDubious, Recorded, Reject
 from sessions.session import Session
@@ -34,10 +36,7 @@ NARROW = {"width": 1060, "height": 1000}
 BACK_S = 3.0
 WAIT_S = 1200
 NEXT = "before => gruber.parts.point && gruber.parts.point.key.join('|') !== before"
-ASKED = "gruber.parts.status.drafts > 0"
-"""Whether the desk wants to hear it twice: the misfit of what is accepted is large."""
-READ_MS = 500
-"""A question counts as read after 300 ms."""
+PATIENCE_MS, TURNS = 2000, 15
 HERE = "gruber.parts.point.key.join('|')"
 THERE = """place => !window.killed && window.gruber?.parts.point?.key.join('|') === place
   && gruber.compareState().drawn.key === gruber.parts.point.key.join('|')
@@ -88,12 +87,17 @@ def decide(url: str, name: str, count: int, gate) -> None:
         gate.wait(WAIT_S)
         for number in range(count):
             before = page.evaluate(HERE)
-            page.keyboard.press("ynm"[number % 3])
-            page.wait_for_function(f"before => ({NEXT})(before) || {ASKED}", arg=before, polling=10)
-            if page.evaluate(ASKED):
-                page.wait_for_timeout(READ_MS)
-                page.keyboard.press("y")
-                page.wait_for_function(NEXT, arg=before, polling=10)
+            press_until_next(page, "ynm"[number % 3], before)
+
+
+def press_until_next(page: Page, key: str, before: str) -> None:
+    """A verdict by key; said again where the desk asks back, or where the other one was faster."""
+    for _ in range(TURNS):
+        page.keyboard.press(key)
+        with suppress(PlaywrightTimeout):
+            page.wait_for_function(NEXT, arg=before, polling=10, timeout=PATIENCE_MS)
+            return
+    raise AssertionError(f"nothing came of {key} at {before}")
 
 
 def back(times: int) -> bool:
