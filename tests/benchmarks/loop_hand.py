@@ -14,6 +14,7 @@ from app.project import read_project
 from core.adjustment.adjusted import AdjustmentReport
 from sessions.session import Session
 from ui.review.gestures import gesture_from_message
+from ui.web.access import Door
 
 SEAT = "hand-1"
 PATIENCE_S = 300.0
@@ -35,7 +36,7 @@ class LoopHand:
         """
         project = read_project(folder)
         self.session = Session.open(project.folder, name)
-        inputs = desk_inputs(project, self.session, name, "127.0.0.1", 0)
+        inputs = desk_inputs(project, self.session, name, Door())
         self.inputs: DeskInputs = replace(
             inputs,
             adopted=self._adopt,

@@ -130,7 +130,7 @@ def real_desk(run_folder, seats):
     project = read_project(run_folder)
     with (
         Session.open(project.folder, "anna") as session,
-        open_desk(run_inputs(project, session, "anna", "127.0.0.1", 0)) as opened,
+        open_desk(run_inputs(project, session, "anna", Door())) as opened,
     ):
         yield RealDesk(opened, session, run_folder)
         seats.leave()

@@ -33,6 +33,7 @@ from sessions.session import Session
 from tests.core.sheets.test_map_sheets import write
 from tests.tiny import Tiny
 from tests.ui.desk_block import OPTIONS, desk_inputs, tiny_block, tiny_snapshot
+from ui.web.access import Door
 
 
 def test_a_template_is_as_wide_as_its_pixels_on_the_ground__truth():
@@ -133,7 +134,7 @@ def test_updated_orthos_bring_updated_sheets__truth(tiny_run: Tiny, tmp_path: Pa
     text = text.replace("[ortho]", '[ortho]\nsheets = "klad.gpkg"')
     (folder / "block.toml").write_text(text, encoding="utf-8")
     with Session.open(folder, "anna") as session:
-        inputs = inputs_of(read_project(folder), session, "anna", "127.0.0.1", 0)
+        inputs = inputs_of(read_project(folder), session, "anna", Door())
     report, name = inputs.report, min(inputs.report.block.photos)
     inputs.remake((name,), SILENT, report)
     with Session.open(folder, "anna") as session:
@@ -166,10 +167,10 @@ def test_boxes_and_protocol_tell_what_the_desk_adjusts_with__truth(
     given = file.read_text(encoding="utf-8")
     file.write_text(f'{given}\n[adjustment]\ncameras = false\ngross_errors = "none"\n', "utf-8")
     with Session.open(folder, "anna") as session:
-        fixed = inputs_of(read_project(folder), session, "anna", "127.0.0.1", 0)
+        fixed = inputs_of(read_project(folder), session, "anna", Door())
         assert first_state(fixed).free == (False, False)
         file.write_text(given, encoding="utf-8")
-        inputs = inputs_of(read_project(folder), session, "anna", "127.0.0.1", 0)
+        inputs = inputs_of(read_project(folder), session, "anna", Door())
     assert first_state(inputs).free == (True, True)
     assert inputs.choose is not None
     inputs.choose(False, True)
@@ -184,7 +185,7 @@ def test_the_scene_stays_on_its_ground_when_a_photo_is_placed__truth(tiny_run: T
     columns, rows = 200.0, 200.0
     pairs = ((40.0, 40.0), (columns, 40.0), (columns, rows), (40.0, rows))
     with Session.open(tiny_run.folder, "anna") as session:
-        inputs = inputs_of(read_project(tiny_run.folder), session, "anna", "127.0.0.1", 0)
+        inputs = inputs_of(read_project(tiny_run.folder), session, "anna", Door())
         photo, camera = inputs.block.photos[name], inputs.block.camera_of(name)
         ground = photo.object_from_pixel(np.array(pairs), np.full(4, 280.0), camera)[:, :2] + 3000
         clicks = tuple(
