@@ -158,7 +158,7 @@ def test_modules_that_lie_beside_the_blocks_are_not_run__law(three, monkeypatch)
     (beside / "calendar.py").write_text("open('hijacked', 'w')", encoding="utf-8")
     monkeypatch.chdir(beside)
     assert main(["batch", str(three[0]), "--executor", "processes"]) == UNUSABLE
-    assert "describes no camera" in rows(three[0])["a"]["message"]
+    assert "describes no camera" in rows(beside)["a"]["message"]
     assert not (beside / "hijacked").exists()
 
 
