@@ -144,11 +144,11 @@ def open_placing(
     clicking = Clicking(found, running)
     start = _start(project, lattice, ortho)
     leaving = Leaving()
-    doors = FrontInputs(
+    served = FrontInputs(
         access, None, tiles, None, start, page="placing.html", told=clicking.photos,
         routes=(*placing_routes(clicking), leaving.route()), language=language,
     )  # fmt: skip
-    opened = Placing(Front(doors), running, tiles, leaving)
+    opened = Placing(Front(served), running, tiles, leaving)
     opened.listen()
     return opened
 

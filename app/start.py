@@ -99,11 +99,11 @@ def open_start(
         "photos": [],
         "left": left,
     }
-    doors = FrontInputs(
+    served = FrontInputs(
         access, None, starting.tiles, None, said, page="start.html", language=language,
         routes=start_routes(starting),
     )  # fmt: skip
-    opened = Start(Front(doors), starting)
+    opened = Start(Front(served), starting)
     opened.listen()
     return opened
 

@@ -263,7 +263,7 @@ def open_teaching(
         PhotogrammetryError: The port cannot be had.
     """
     start = {"edition": secrets.token_urlsafe(6), "palette": page_palette(), "photos": []}
-    doors = FrontInputs(
+    served = FrontInputs(
         Access(door),
         None,
         None,
@@ -274,7 +274,7 @@ def open_teaching(
         routes=lesson_routes(Teacher(found), hide_truth),
         language=language,
     )
-    opened = Teaching(Front(doors))
+    opened = Teaching(Front(served))
     opened.listen()
     threading.Thread(target=_prepare, args=(found,), daemon=True).start()
     return opened

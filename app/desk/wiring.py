@@ -150,14 +150,14 @@ def open_desk(desk: DeskInputs) -> OpenDesk:
     def sheets_made() -> None:
         inbox.put(WrittenBeside(Notice("notice.sheets-made")))
 
-    doors = FrontInputs(
+    served = FrontInputs(
         access, channel, tiles, upstream, start, desk.results, language=desk.language,
         routes=(leaving.route(), *point_routes(points), *placing,
                 mask_route(desk.initial), plan_route(desk.session.folder, inbox.put),
                 sample_route(desk.session.folder, inbox.put),
                 *sheet_routes(desk.session.folder / FILE, sheets_made), *desk.routes),
     )  # fmt: skip
-    front = Front(doors)
+    front = Front(served)
     sheets = _Sheets(desk, bounds, tiles)
     loop = ReviewLoop(desk, _screen(front, channel, scene, tiles, sheets=sheets), inbox)
     loop.start()

@@ -209,8 +209,7 @@ class _Project:
             if record.text(0) == "$CCD_INTERIOR_ORIENTATION":
                 numbers = [one for row in inside[index + 1 : index + 3] for one in _numbers(row)]
                 affine = np.array(numbers).reshape(2, 3)
-                with np.errstate(over="ignore"):  # what is not finite is told with the pixels
-                    affine[:, :2] *= distance
+                affine[:, :2] *= distance
                 affine[:, 2] += HALF_PIXEL
         size = None
         if "$CCD_COLUMNS" in values and "$CCD_ROWS" in values:
@@ -280,13 +279,7 @@ class _Project:
                 photo.camera, size_px=size, principal_distance_mm=distance
             )
             photos[name] = ExchangePhoto(name, photo.file, photo.camera, affine, photo.exterior)
-        with np.errstate(over="ignore", invalid="ignore"):
-            block = with_interiors(given, cameras, photos)
-        pixels = [(one.column, one.row) for one in block.measurements]
-        if not (np.isfinite(pixels).all() and np.isfinite(block.ties.pixels).all()):
-            cause = "its interior orientations give no finite pixel coordinates."
-            raise ProjectError(self.path, cause, "Correct $CCD_INTERIOR_ORIENTATION.")
-        return block
+        return with_interiors(given, cameras, photos)
 
 
 def _values(inside: Sequence[Record]) -> dict[str, Record]:

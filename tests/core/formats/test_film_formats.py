@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from core.errors import ProjectError
+from core.errors import ExchangeError, ProjectError
 from core.formats.bingo import BINGO_FORMAT, read_bingo
-from core.formats.exchange import ExchangeBlock, ExchangeFormat, pixels_of
+from core.formats.exchange import ExchangeBlock, ExchangeFormat, pixels_of, read_format
 from core.formats.film_rays import film_rays, median_misfit, numbered, principal_distance_mm
 from core.formats.inpho import INPHO_FORMAT, read_inpho
 from core.formats.pat_b import PATB_FORMAT, read_patb
@@ -256,5 +256,5 @@ $END
     np.testing.assert_allclose(pixel, [50, 40])
     np.testing.assert_allclose(block.ties.pixels, [[60, 20]])
     path.write_text(photo + camera.replace("10 0 49.5", "1e307 0 49.5"))
-    with pytest.raises(ProjectError, match="no finite pixel"):
-        read_inpho(path)
+    with pytest.raises(ExchangeError, match="damaged"):
+        read_format(INPHO_FORMAT, path)
