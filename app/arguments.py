@@ -265,7 +265,7 @@ def add_address(verb: Parser) -> None:
     verb.add_option("--port P", port, type=whole_number(0, 65535), default=settings.port)
     host = "address the desk listens at (%(default)s: this machine only)"
     verb.add_option("--host H", host, default=settings.host)
-    proxy = "what a browser opens, where a proxy stands before the desk: https://desk.example.org"
+    proxy = "address browsers open if the desk is behind a proxy, as https://desk.example.org"
     verb.add_option("--address URL", proxy, type=proxy_address, default="")
     verb.add_switch("--no-browser", "print the address only")
 

@@ -171,7 +171,9 @@ class Table:
                 "Write it in double quotes.",
             )
         if any(category(sign) == "Cc" for sign in value):
-            raise self.error(key, "holds a line break or control character.", "Write one line.")
+            raise self.error(
+                key, "contains a line break or control character.", "Write it on one line."
+            )
         return value
 
     def flag(self, key: str) -> bool:

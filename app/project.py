@@ -177,7 +177,7 @@ def read_project(path: Path, *, brought: bool = False) -> Project:
     # the link is: there lie the scans, and there go the results.
     folder = Path(os.path.realpath(file.parent))
     if {"\n", "\r"} & set(str(folder)):
-        cause = "lies in a folder whose name holds a line break, where GDAL opens nothing."
+        cause = "lies in a folder with a line break in its name; GDAL opens no file there."
         raise ProjectError(folder / file.name, cause, "Rename the folder.")
     return project_of(Document(folder / file.name), brought=brought)
 

@@ -76,7 +76,7 @@ def only_run(path: Path, operator: str, batch: bool = False) -> Generator[None]:
         StorageError: Another run is at work in the same block, or the same batch.
     """
     if path.exists() and not path.is_file():
-        raise StorageError(path, "is no file.", "Remove it.")
+        raise StorageError(path, "is not a file.", "Remove it.")
     with explain_disk_errors(path):
         file = path.open("ab")
     with file:

@@ -38,7 +38,7 @@ def test_a_start_is_counted_as_the_kernel_counts_it__oracle() -> None:
 def test_a_pipe_for_a_lock_is_refused__law(tmp_path):
     """Opening it would wait for a reader."""
     os.mkfifo(tmp_path / "lock")
-    with pytest.raises(StorageError, match="is no file"), only_run(tmp_path / "lock", "ada"):
+    with pytest.raises(StorageError, match="is not a file"), only_run(tmp_path / "lock", "ada"):
         pass
 
 

@@ -29,7 +29,7 @@ class Door:
     port: int = 0
     """Port it listens on; 0 takes any that is free."""
     address: str = ""
-    """What a browser opens where a proxy stands before it, such as https://desk.example.org."""
+    """What browsers open if it is behind a proxy, such as https://desk.example.org; or empty."""
 
     @property
     def name(self) -> str:
