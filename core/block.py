@@ -40,6 +40,9 @@ Source = Literal["junction", "salient", "surveyed", "hand"]
 # design: at least ten thousand times what any coordinate is known to.
 UNKNOWN_M = 1e4
 """Standard deviation of a coordinate that is not known at all, metres: it has no weight."""
+# source: three points hold a plane; as many unknowns has the shift and slope of one coordinate.
+LEAST_SURVEYED = 3
+"""So many surveyed control points in use say where the block lies."""
 USED: tuple[Status, ...] = ("auto", "accepted")
 # design: half a pixel is what a hand points to.
 HAND_SIGMA_PX = 0.5
@@ -323,6 +326,8 @@ class Block:
     """Tie points."""
     fixed_origin: Position | None = None
     """Origin of the local frame whatever becomes of the photos; None where it is their middle."""
+    reference: ShiftedReference | None = field(default=None, metadata={"later": True})
+    """What the reference that gave control may be off as a whole; None without one."""
 
     def camera_of(self, photo_id: str) -> Camera:
         """The camera of a photo."""
@@ -364,6 +369,33 @@ class Block:
         """True when a measurement takes part: it is used, and its point is control."""
         point = self.surveyed.get(measurement.point_id)
         return measurement.used and point is not None and point.role == "control"
+
+    @property
+    def surveyed_datum(self) -> bool:
+        """Whether the user's surveyed points say where the block lies, and not the reference."""
+        own = {
+            name
+            for name, point in self.surveyed.items()
+            if point.source == "surveyed"
+            and point.role == "control"
+            and np.all(point.sigma_m < UNKNOWN_M)
+        }
+        if len(own) < LEAST_SURVEYED:
+            return False
+        measured = {
+            name
+            for (name, photo), item in self.measurements.items()
+            if name in own and item.used and self.photos[photo].oriented
+        }
+        return len(measured) >= LEAST_SURVEYED
+
+    def reference_error_m(self, ortho_sigma_m: float) -> float:
+        """What the reference adds per axis to what is predicted on the ground, metres.
+
+        Nothing where surveyed points say where the block lies: the adjustment knows how well they
+        tell what the reference is off.
+        """
+        return 0.0 if self.surveyed_datum else ortho_sigma_m
 
     @property
     def independent_checks(self) -> frozenset[str]:

@@ -191,7 +191,7 @@ STAGES: tuple[Stage, ...] = (
         ("localisation", "ties", "reference"),
         lambda given: (given.control, given.surveyed, given.preset),
         _control,
-        version=15,
+        version=16,
         repeated=True,
     ),
 )

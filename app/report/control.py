@@ -43,8 +43,9 @@ def reference_figures(
 ) -> list[dict[str, Any]]:
     """What photos are tied to, where that is more than one ortho, and how far each lies off.
 
-    `shift` is empty for the one that defines the datum.
+    `shift` is empty for the one that says where the block lies.
     """
+    datum = report.block.reference
     found = {(one.owner, one.name): one for one in report.parameters}
 
     def shift_of(name: str) -> dict[str, float]:
@@ -57,7 +58,7 @@ def reference_figures(
             "name": one.name,
             "points": points,
             "ortho_sigma_m": one.ortho_sigma_m,
-            "shift": shift_of(one.name),
+            "shift": shift_of(datum.name if one.datum and datum is not None else one.name),
         }
         for one, points in tied_to.items()
         if one.ortho

@@ -268,8 +268,8 @@ def _judged(
     )
     findings = (*more, *findings)
     if release is not None:
-        sigma_m = _ortho_sigma_m(content)
-        position = predicted_finding(release.relative_m, sigma_m, release.limit_m)
+        own_m = report.block.reference_error_m(_ortho_sigma_m(content))
+        position = predicted_finding(release.relative_m, own_m, release.limit_m)
         findings, release = (*findings, position), release.with_findings(more)
     return tuple(sorted(findings, key=lambda one: -one.grave)), release, checked
 
@@ -343,6 +343,7 @@ def _block_figures(content: ReportContent) -> dict[str, Any]:
         "cameras": len(block.cameras),
         "reference_ortho_sigma_m": sigma[0],
         "reference_dem_sigma_m": sigma[1],
+        "surveyed_datum": block.surveyed_datum,
     }
 
 

@@ -84,7 +84,8 @@ def certificate(figures: Figures, tell: Teller) -> list[str]:
     against = [one["sentence"] for one in disputed]
     count = sum(one["stands_for"] for one in disputed) - 1
     more = [tell("report.against-more", count=count)] if count > 0 else []
-    alone = figures["block"]["reference_ortho_sigma_m"] is None
+    block = figures["block"]
+    alone = block["surveyed_datum"] or block["reference_ortho_sigma_m"] is None
     told = tell("report.predicted.alone" if alone else "report.predicted", **found)
     return [_borne_out(told, found, figures["checks"], tell), *against[:1], *more]
 

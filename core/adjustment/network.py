@@ -10,7 +10,7 @@ from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.positioning import MEASURED_M, Positioning, positioning_of
 from core.adjustment.reference_shifts import ReferenceShifts, shifts_of
 from core.arrays import FilmPoints, Flags, Indices, ObjectPoints, Position, Scalars
-from core.block import Block, Measurement, Photo
+from core.block import Block, Measurement, Photo, ShiftedReference
 from core.errors import OrientationError
 from core.geometry.camera import AdditionalSet, Camera, additional_set
 from core.geometry.collinearity import (
@@ -346,8 +346,19 @@ def _points(block: Block, tie_point: Indices, control: tuple[str, ...]) -> Point
         if point.role != "new":
             weight[row] = 1.0 / np.maximum(point.sigma_m, SMALLEST_SIGMA_M)
     first = len(tie_point)
-    references = [block.surveyed[name].shifted for name in control]
+    references = _references(block, control)
     return Points(tie_point, control, known, weight, shifts_of(references, known[first:], first))
+
+
+def _references(block: Block, control: tuple[str, ...]) -> list[ShiftedReference | None]:
+    """The reference of each point that is off as a whole.
+
+    What every place of a reference shares, shadows of another hour among it, shows nowhere but at
+    surveyed points: where these say where the block lies, it is estimated.
+    """
+    usual = block.reference if block.surveyed_datum else None
+    points = [block.surveyed[name] for name in control]
+    return [point.shifted or (None if point.source == "surveyed" else usual) for point in points]
 
 
 def _priors(

@@ -104,7 +104,9 @@ def find_control(
     """
     points = {point.point_id: point for point in surveyed}
     block = replace(localised.block, ties=ties, surveyed=points, measurements={})
-    if not files.ortho:
+    if files.ortho:
+        block = replace(block, reference=files.shifted)
+    else:
         report = adjusted_without_gross(block, options.adjustment)
         return _found(report, (), (), before)
     site = Site(

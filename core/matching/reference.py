@@ -134,6 +134,13 @@ class ReferenceFiles:
         return bool(self.dem) or self.level_m is not None
 
     @property
+    def shifted(self) -> ShiftedReference:
+        """What all its points may be off together, where surveyed points tell."""
+        own_m = self.ortho_sigma_m
+        heights_m = self.dem_sigma_m if self.dem else 0.0
+        return ShiftedReference("[reference]", (own_m, own_m, heights_m))
+
+    @property
     def each_alone(self) -> "tuple[tuple[ReferenceLayer, ReferenceFiles], ...]":
         """Every ortho of `layers` by itself, over its own heights where it has them.
 

@@ -46,10 +46,12 @@ class JudgedRule:
 
 
 POSITION = ("position_m", "position_px")
+PREDICTED = ("predicted-within", "predicted", "predicted-alone-within", "predicted-alone")
+"""Findings that tell what is predicted: against the reference with its own error, or alone."""
 READ = ("read", "read-few", "read-replaced", "read-late", "read-outdated")
 """Findings that tell how many places of the plan were read, and what weakens them."""
 RULES: tuple[Rule, ...] = (
-    Rule("position", ("predicted-within", "predicted", "predicted-unknown"), GRUBER, POSITION),
+    Rule("position", (*PREDICTED, "predicted-unknown"), GRUBER, POSITION),
     Rule("read", ("read-unplanned", *READ), ASPRS, ("readings",)),
     Rule(
         "read-position",

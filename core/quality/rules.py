@@ -191,35 +191,35 @@ def check_release(
     places = _ground_variances(report, influence)
     relative = _relative_m(places)
     worst = max(places, key=lambda name: float(places[name].max()), default="")
-    # The reference is off alike in both axes, whatever the block does.
-    reference = np.sqrt(2) * ortho_sigma_m
+    own_m = report.block.reference_error_m(ortho_sigma_m)
+    reference = np.sqrt(2) * own_m  # alike in both axes
     worst_m = float(np.hypot(np.sqrt(places[worst].max()), reference)) if worst else float("nan")
     limit = release_limit_m(report.block, rules)
     predicted = float(np.hypot(relative, reference))
     reasons = [finding for finding in findings if finding.kind in HOLDING_BACK]
-    position = predicted_finding(relative, ortho_sigma_m, limit)
+    position = predicted_finding(relative, own_m, limit)
     if position.grave:
         reasons.append(position)
     checks = independent_checks(report, rules)
     return Release(relative, predicted, worst_m, worst, limit, tuple(reasons), checks)
 
 
-def predicted_finding(relative_m: float, ortho_sigma_m: float, limit_m: float) -> Finding:
+def predicted_finding(relative_m: float, reference_m: float, limit_m: float) -> Finding:
     """Whether what is predicted of the position on the ground is within its limit.
 
     Args:
         relative_m: RMS in plan against the reference, as in `Release`; NaN where not known.
-        ortho_sigma_m: Standard deviation of the reference per axis, metres.
+        reference_m: What the reference adds per axis, metres; 0 where it adds nothing.
         limit_m: Position error on the ground up to which a block is released, metres.
     """
-    predicted = float(np.hypot(relative_m, np.sqrt(2) * ortho_sigma_m))
+    predicted = float(np.hypot(relative_m, np.sqrt(2) * reference_m))
     told = {
         "relative": f"{relative_m:.2f}", "value": f"{predicted:.2f}", "limit": f"{limit_m:.2f}"
     }  # fmt: skip
     if not np.isfinite(predicted):
         return Finding("predicted-unknown", POOR, told)
-    good = predicted <= limit_m
-    return Finding("predicted-within" if good else "predicted", SOUND if good else POOR, told)
+    good, kind = predicted <= limit_m, "predicted" if reference_m else "predicted-alone"
+    return Finding(f"{kind}-within" if good else kind, SOUND if good else POOR, told)
 
 
 def relative_sigma_m(report: AdjustmentReport, influence: Influence | None) -> float:

@@ -157,6 +157,8 @@ SENTENCES = {
     "predicted-unknown": "Position on the ground cannot be predicted: nothing was adjusted.",
     "predicted": "Position is predicted to {relative} m relative to the reference ortho, and to "
     "{value} m on the ground with the reference's own error: more than {limit} m.",
+    "predicted-alone-within": "Position is predicted to {value} m on the ground, within {limit} m.",
+    "predicted-alone": "Position is predicted to {value} m on the ground: more than {limit} m.",
 }
 """What each finding says."""
 CLASSES: Mapping[str, str] = {

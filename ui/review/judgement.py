@@ -63,7 +63,7 @@ def judge_desk(desk: DeskSnapshot) -> BlockJudgement:
         *((Finding("mosaic-gone", POOR),) if desk.mosaic_gone else ()),
         *sun_findings(report.block, desk.exposed, rules),
         *judge_block(measured, report, desk.state.holes, rules),
-        predicted_finding(relative_m, desk.ortho_sigma_m, limit),
+        predicted_finding(relative_m, report.block.reference_error_m(desk.ortho_sigma_m), limit),
     )
     return BlockJudgement(
         polygons,

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from core.quality.judged_rules import READ, JudgedRule
+from core.quality.judged_rules import PREDICTED, READ, JudgedRule
 from core.quality.rules import MANY_AGAINST
 
 NONE, PLAIN = "rules.value.none", "rules.value.plain"
@@ -27,7 +27,7 @@ LIMIT_TEXTS: Mapping[str, str] = {
 }
 """Text of the limit, by rule."""
 VALUE_TEXTS: Mapping[str, str] = {
-    **dict.fromkeys(("predicted-within", "predicted"), "rules.value.metres"),
+    **dict.fromkeys(PREDICTED, "rules.value.metres"),
     **dict.fromkeys(("predicted-unknown", "diverged"), "rules.value.unknown"),
     **dict.fromkeys(READ, "rules.value.read"),
     **dict.fromkeys(

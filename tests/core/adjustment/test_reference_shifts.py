@@ -8,7 +8,7 @@ import pytest
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
-from core.block import ShiftedReference
+from core.block import UNKNOWN_M, ShiftedReference
 from tests.flights import FlightPlan, fly
 
 PLAN = FlightPlan(strips=2, photos_per_strip=3, ties=300, control=60)
@@ -82,6 +82,60 @@ def test_the_datum_comes_from_the_other_control__truth() -> None:
         believed, _, _ = tied_to_both(seed, None)
         taken_over.append(ground_error_m(adjust_block(believed, PLAIN), truth))
     assert np.mean(tied) < np.mean(alone) < np.mean(taken_over)
+
+
+def surveyed_on_reference(seed: int, surveyed: int, reference: ShiftedReference | None = MOSAIC):
+    """A flight on one reference, all of it off by a shift, with so many points of a survey.
+
+    Returns:
+        The block and the truth.
+    """
+    flight = fly(PLAN, np.random.default_rng(seed))
+    shown = sorted({key[0] for key in flight.block.measurements})
+    control = [name for name in shown if flight.block.surveyed[name].role == "control"]
+    points = dict(flight.block.surveyed)
+    for row, name in enumerate(control):
+        own = points[name]
+        points[name] = (
+            replace(own, source="surveyed")
+            if row < surveyed
+            else replace(own, position=own.position + np.array(SHIFT_M))
+        )
+    return replace(flight.block, surveyed=points, reference=reference), flight.truth
+
+
+def test_surveyed_points_tell_what_the_reference_is_off__truth() -> None:
+    off, told, believed = [], [], []
+    for seed in range(8):
+        block, truth = surveyed_on_reference(seed, 6)
+        assert block.surveyed_datum
+        report = adjust_block(block, PLAIN)
+        found = {one.name: one for one in report.parameters if one.owner == MOSAIC.name}
+        shifts = [found[f"shift_{axis}_m"] for axis in "ENH"]
+        off += [(one.value - true) / one.sigma for one, true in zip(shifts, SHIFT_M, strict=True)]
+        told.append(ground_error_m(report, truth))
+        believed.append(ground_error_m(adjust_block(replace(block, reference=None), PLAIN), truth))
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(1.0, abs=0.3)
+    assert np.mean(told) < 0.5 * np.mean(believed)
+
+
+def test_fewer_than_three_leave_it_to_the_reference__law() -> None:
+    block, _ = surveyed_on_reference(0, 2)
+    assert not block.surveyed_datum
+    assert block.reference_error_m(0.25) == 0.25
+    assert not [one for one in adjust_block(block, PLAIN).parameters if one.owner == MOSAIC.name]
+    three, _ = surveyed_on_reference(0, 3)
+    assert three.surveyed_datum
+    assert three.reference_error_m(0.25) == 0.0
+    one = next(
+        name for name, p in three.surveyed.items() if p.source == "surveyed" and p.role == "control"
+    )
+    loose = {
+        key: replace(m, status="rejected") for key, m in three.measurements.items() if key[0] == one
+    }
+    assert not replace(three, measurements={**three.measurements, **loose}).surveyed_datum
+    flat = replace(three.surveyed[one], sigma_m=np.array([0.1, 0.1, UNKNOWN_M]))
+    assert not replace(three, surveyed={**three.surveyed, one: flat}).surveyed_datum
 
 
 def test_an_adjusted_block_is_found_again_from_its_report__law() -> None:

@@ -75,5 +75,7 @@ def test_the_position_that_a_job_asks_for_decides_the_release__truth(report) -> 
     assert limit >= 0.8
     assert release_limit_m(report.block, rules) == 0.02
     assert check_release(report, None, 0.0, rules=rules).limit_m == 0.02
-    assert predicted_finding(0.1, 0.0, 0.02).kind == "predicted"
-    assert predicted_finding(0.1, 0.0, limit).kind == "predicted-within"
+    assert predicted_finding(0.1, 0.25, 0.02).kind == "predicted"
+    assert predicted_finding(0.1, 0.25, limit).kind == "predicted-within"
+    assert predicted_finding(0.1, 0.0, 0.02).kind == "predicted-alone"
+    assert predicted_finding(0.1, 0.0, limit).kind == "predicted-alone-within"

@@ -81,7 +81,7 @@ def test_too_little_control_and_a_loose_photo_are_reasons__truth(flight):
     few = dict(sorted(flight.block.surveyed.items())[:2])
     measured = {k: v for k, v in flight.block.measurements.items() if k[0] in few}
     poor = judged(replace(flight.block, surveyed=few, measurements=measured))
-    assert {"control-few", "predicted"} <= kinds_of(poor)
+    assert {"control-few", "predicted-alone"} <= kinds_of(poor)
     first = next(iter(flight.block.photos))
     photos = {n: replace(p, oriented=n != first) for n, p in flight.block.photos.items()}
     assert kinds_of(judged(flight.block.with_photos(photos))) == {"loose"}
