@@ -40,6 +40,8 @@ Source = Literal["junction", "salient", "surveyed", "hand"]
 # design: at least ten thousand times what any coordinate is known to.
 UNKNOWN_M = 1e4
 """Standard deviation of a coordinate that is not known at all, metres: it has no weight."""
+REFERENCE = "[reference]"
+"""What the report calls the reference of that section of `block.toml`."""
 # source: three points hold a plane; as many unknowns has the shift and slope of one coordinate.
 LEAST_SURVEYED = 3
 """So many surveyed control points in use say where the block lies."""

@@ -38,27 +38,27 @@ def control_counts(report: AdjustmentReport) -> dict[str, Any]:
     }
 
 
+def shift_figures(reference: str, report: AdjustmentReport) -> dict[str, float]:
+    """Where the middle of a reference's points lies (E, N) against the block; empty for none."""
+    found = {one.name: one for one in report.parameters if one.owner == reference}
+    told = {axis: found.get(f"shift_{axis}_m") for axis in "EN"}
+    values = {axis: one.value for axis, one in told.items() if one is not None}
+    return values | {f"sigma_{axis}": one.sigma for axis, one in told.items() if one}
+
+
 def reference_figures(
     tied_to: Mapping[ReferenceLayer, int], report: AdjustmentReport
 ) -> list[dict[str, Any]]:
     """What photos are tied to, where that is more than one ortho, and how far each lies off.
 
-    `shift` is empty for the one that says where the block lies.
+    `shift` is empty for `[reference]` itself.
     """
-    datum = report.block.reference
-    found = {(one.owner, one.name): one for one in report.parameters}
-
-    def shift_of(name: str) -> dict[str, float]:
-        told = {axis: found.get((name, f"shift_{axis}_m")) for axis in "EN"}
-        values = {axis: one.value for axis, one in told.items() if one is not None}
-        return values | {f"sigma_{axis}": one.sigma for axis, one in told.items() if one}
-
     return [
         {
             "name": one.name,
             "points": points,
             "ortho_sigma_m": one.ortho_sigma_m,
-            "shift": shift_of(datum.name if one.datum and datum is not None else one.name),
+            "shift": shift_figures(one.name, report),
         }
         for one, points in tied_to.items()
         if one.ortho

@@ -20,7 +20,7 @@ from app.report.accuracy import (
 )
 from app.report.against import compare_states
 from app.report.checked import checked_part
-from app.report.control import control_counts, reference_figures
+from app.report.control import control_counts, reference_figures, shift_figures
 from app.report.decisions import decision_figures
 from app.report.drawing import map_figures
 from app.report.mosaic import fault_figures, misfit_figures, mosaic_figures
@@ -32,7 +32,7 @@ from app.report.protocol_figures import (
 )
 from core.adjustment.adjusted import AdjustmentOptions, AdjustmentReport
 from core.adjustment.influence import Influence
-from core.block import Block, Photo
+from core.block import REFERENCE, Block, Photo
 from core.control.calibration_check import Bin, calibration_error
 from core.doubts import Doubt
 from core.geometry.camera import Camera
@@ -185,6 +185,7 @@ def gather(content: ReportContent) -> dict[str, Any]:
             **control_counts(report),
             **control_in_use(report, content.influence),
             "references": reference_figures(content.tied_to, report),
+            "reference_shift": shift_figures(REFERENCE, report),
         },
         "residuals": residual_figures(report),
         "parameters": parameter_figures(report),

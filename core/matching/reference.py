@@ -14,7 +14,7 @@ import shapely
 from jaxtyping import Bool, Float64, Int64
 
 from core.arrays import ObjectPoints, locked
-from core.block import Block, ShiftedReference
+from core.block import REFERENCE, Block, ShiftedReference
 from core.formats.roads import Roads, read_roads
 from core.geometry.crs import Bounds, shared_bounds
 from core.raster.dem import Dem, PlanePoints, dems_laid_over, level_ground, open_dem
@@ -138,7 +138,7 @@ class ReferenceFiles:
         """What all its points may be off together, where surveyed points tell."""
         own_m = self.ortho_sigma_m
         heights_m = self.dem_sigma_m if self.dem else 0.0
-        return ShiftedReference("[reference]", (own_m, own_m, heights_m))
+        return ShiftedReference(REFERENCE, (own_m, own_m, heights_m))
 
     @property
     def each_alone(self) -> "tuple[tuple[ReferenceLayer, ReferenceFiles], ...]":

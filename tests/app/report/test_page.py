@@ -20,7 +20,7 @@ from app.report.wording import fine, parameter_told
 from core.adjustment.adjusted import Contradiction, SharedParameter
 from core.adjustment.block_adjustment import adjust_block
 from core.adjustment.influence import influence_of
-from core.block import TiePoints
+from core.block import REFERENCE, TiePoints
 from core.matching.reference import ReferenceLayer
 from core.mosaic.comparison import ComparedPlaces, MosaicAccuracy
 from core.mosaic.fault_places import FaultPlace
@@ -314,6 +314,17 @@ def test_references_are_told_with_how_far_each_lies_off__truth(content, tmp_path
     assert "its points lies +0.31 ± 0.05 m to the east and −0.12" in text
     assert text.count("Seen from these photos") == 1
     assert "its growth to the eastern edge E, m" in text
+
+
+def test_what_the_reference_is_off_surveyed_points_is_told__truth(content, tmp_path):
+    values = {"shift_E_m": 0.2, "shift_N_m": -0.34}
+    off = [SharedParameter(REFERENCE, n, v, 0.13, 1.5, 0.1, "x0_mm") for n, v in values.items()]
+    report = replace(content.report, parameters=(*content.report.parameters, *off))
+    html, _ = write_report(tmp_path, replace(content, report=report))
+    told = "reference points lies +0.20 ± 0.13 m to the east and −0.34 ± 0.13 m to the north"
+    assert told in text_of(html.read_text(encoding="utf-8"))
+    html, _ = write_report(tmp_path, content)
+    assert "reference points lies" not in text_of(html.read_text(encoding="utf-8"))
 
 
 def test_control_in_use_is_told_worst_first_and_the_rest_is_counted__truth(content, tmp_path):
