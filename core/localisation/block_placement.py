@@ -10,7 +10,7 @@ all their ground contributes.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -94,6 +94,9 @@ class PlacementOptions:
     # design: time; each costs a resection of every photo.
     hypotheses: int = 3
     """Placements that are handed on."""
+    # design: time, spent only where all else has failed.
+    in_reserve: int = 9
+    """Placements of a block behind these, for when no photo stands at the likeliest."""
     # design: relief of a tenth of the flying height at a tenth of it beside the nadir.
     relief_share: float = 0.01
     """What the third dimension leaves of the placement, as a share of the flying height."""
@@ -147,7 +150,8 @@ def place_block(
         name: OpenPhoto(photo, block.cameras[photo.camera], scans[name])
         for name, photo in block.photos.items()
     }
-    return _place(photos, free.turns, free.turn_sigmas, reference, options=options, mapper=mapper)
+    more = replace(options, hypotheses=options.hypotheses + options.in_reserve)
+    return _place(photos, free.turns, free.turn_sigmas, reference, options=more, mapper=mapper)
 
 
 def place_photo(

@@ -129,10 +129,21 @@ def orient_placed_photo(
     placements: Sequence[Placement],
     options: OrientationOptions,
     rng: np.random.Generator,
+    tried: int = 0,
 ) -> OrientedPhoto | Failure:
-    """Orient a photo that was placed with others, from the first placement on which it stands."""
+    """Orient a photo that was placed with others, from the first placement on which it stands.
+
+    Args:
+        opened: The photo.
+        reference: Ortho and heights.
+        points: Junctions and salient points.
+        placements: Where it may lie, likeliest first.
+        options: Settings.
+        rng: Source of the samples.
+        tried: So many of them were tried before, in vain.
+    """
     failure = Failure("its block could not be placed on the reference")
-    for placed in placements:
+    for placed in placements[tried:]:
         found = coarse_pass(opened, reference, placed, points, options, rng)
         if isinstance(found, Resection):
             sure = sure_of(len(placements), options)

@@ -8,6 +8,7 @@ are still waiting.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 
 from core.adjustment.adjusted import AdjustmentOptions
@@ -270,7 +271,8 @@ def orient_photos(
     """Orient every photo on the reference, from where its part of the block was placed.
 
     A photo is sought by itself, each of its hypotheses tried, only where no photo stands that is
-    tied to it: others are brought to their place by tie points, which leaves less to chance.
+    tied to it: others are brought to their place by tie points, which leaves less to chance. Before
+    that, the less likely places of its block are tried.
     """
     photos = list(placed.block.photos.values())
     oriented: dict[str, OrientedPhoto | Failure] = {}
@@ -278,11 +280,11 @@ def orient_photos(
     def opened(photo: Photo) -> OpenPhoto:
         return OpenPhoto(photo, placed.block.cameras[photo.camera], site.scans[photo.photo_id])
 
-    def orient_with_block(photo: Photo) -> OrientedPhoto | Failure:
-        rng = work.random(photo.photo_id, "block")
-        places = placements_of(photo.photo_id, parts)
+    def orient_at(tried: int, count: int | None, photo: Photo) -> OrientedPhoto | Failure:
+        places = placements_of(photo.photo_id, parts)[:count]
+        rng = work.random(photo.photo_id, "elsewhere" if tried else "block")
         return orient_placed_photo(
-            opened(photo), site.reference, site.points, places, options.orientation, rng
+            opened(photo), site.reference, site.points, places, options.orientation, rng, tried
         )
 
     def orient_alone(photo: Photo) -> OrientedPhoto | Failure:
@@ -292,11 +294,21 @@ def orient_photos(
         starts = [opened(photo).at(start) for start in hypotheses]
         return orient_likeliest(starts, site.reference, site.points, options.orientation, work)
 
-    for orient, chosen in (
-        (orient_with_block, lambda photo: bool(placements_of(photo.photo_id, parts))),
-        (orient_alone, lambda photo: not _is_held(photo.photo_id, parts, oriented)),
+    def loose(tried: int) -> list[Photo]:
+        return [
+            photo
+            for photo in photos
+            if len(placements_of(photo.photo_id, parts)) > tried
+            and not _is_held(photo.photo_id, parts, oriented)
+        ]
+
+    likeliest = options.placement.hypotheses
+    for tried, orient in (
+        (0, partial(orient_at, 0, likeliest)),
+        (likeliest, partial(orient_at, likeliest, None)),
+        (-1, orient_alone),
     ):
-        wanted = [photo for photo in photos if chosen(photo)]
+        wanted = loose(tried)
         for photo, result in zip(wanted, work.mapper(orient, wanted), strict=True):
             oriented[photo.photo_id] = result
             work.progress.report(len(oriented), len(photos), photo.photo_id)
