@@ -13,9 +13,10 @@ from importlib.metadata import version
 from pkgutil import resolve_name
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# What GDAL and OpenCV say of a damaged file stands in our error; more would only be noise.
+# What GDAL, OpenCV and PROJ say of a damaged file stands in our error; more would only be noise.
 os.environ.setdefault("CPL_LOG", os.devnull)
 os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+os.environ.setdefault("PROJ_DEBUG", "0")
 
 from app import verbs
 from app.arguments import VERBS, add_language, add_log, wrong_use

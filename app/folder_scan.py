@@ -131,7 +131,10 @@ class FoundLayer:
 
     def values(self, field: str) -> set[str]:
         """All values of an attribute, as text."""
-        found = pyogrio.raw.read(self.path, layer=self.name, columns=[field], read_geometry=False)
+        with no_remarks():
+            found = pyogrio.raw.read(
+                self.path, layer=self.name, columns=[field], read_geometry=False
+            )
         return {str(value) for value in cast("list[np.ndarray]", found[3])[0]}
 
 

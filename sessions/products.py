@@ -134,7 +134,7 @@ class Products:
             path = self._value_path(product, digest)
             if path.is_file():
                 return path
-        found = self._stage_path(stage).rglob("*.value")
+        found = (path for path in self._stage_path(stage).rglob("*.value") if path.is_file())
         return max(found, key=lambda path: path.stat().st_mtime_ns, default=None)
 
     def _stage_path(self, stage: str) -> Path:

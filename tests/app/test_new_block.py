@@ -1,5 +1,6 @@
 """A folder looked through, and a `block.toml` written from what it holds."""
 
+import json
 import shutil
 import warnings
 from dataclasses import replace
@@ -14,6 +15,7 @@ import rasterio
 import shapely
 from rasterio.errors import NotGeoreferencedWarning
 
+from app.folder_scan import FoundLayer
 from app.new_block import Recognition, recognise, write_block_toml
 from app.project import read_project
 from core.errors import ProjectError
@@ -284,3 +286,13 @@ def test_real_frames_with_a_small_terrain_model__real(shared_data: Path, tmp_pat
     (tmp_path / "frames").symlink_to(shared_data / "ngi-baviaanskloof" / "frames")
     (tmp_path / "reference").symlink_to(shared_data / "ngi-baviaanskloof" / "reference")
     assert recognise(tmp_path).sigmas_m == {"ortho_sigma_m": 10.0, "dem_sigma_m": 4.8}
+
+
+def test_names_are_read_from_a_layer_with_open_rings_without_a_remark__truth(tmp_path):
+    ring = [[0, 0], [1, 0], [1, 1]]
+    open_ring = {"type": "Polygon", "coordinates": [ring]}
+    feature = {"type": "Feature", "properties": {"scan": "00150"}, "geometry": open_ring}
+    path = tmp_path / "footprints.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    layer = FoundLayer(path, "footprints", "polygon", None, ("scan",))
+    assert layer.values("scan") == {"00150"}

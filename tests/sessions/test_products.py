@@ -87,6 +87,14 @@ def test_the_pass_that_a_walk_ended_with_is_the_latest_in_a_copy_too__law(tmp_pa
     assert Products(tmp_path).latest_value("control") == "first pass"
 
 
+def test_a_product_that_is_a_circle_of_links_is_none__truth(tmp_path: Path) -> None:
+    products = Products(tmp_path)
+    products.save_value("scans", ONE, "found")
+    circle = tmp_path / "scans" / f"{TWO}.value"
+    circle.symlink_to(circle)
+    assert Products(tmp_path).latest_value("scans") == "found"
+
+
 @pytest.mark.parametrize("keep", [0, 10, 90, -1])
 def test_a_truncated_value_counts_as_not_there__truth(tmp_path: Path, keep: int) -> None:
     products = Products(tmp_path)
