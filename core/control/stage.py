@@ -104,11 +104,10 @@ def find_control(
     """
     points = {point.point_id: point for point in surveyed}
     block = replace(localised.block, ties=ties, surveyed=points, measurements={})
-    if files.ortho:
-        block = replace(block, reference=files.shifted)
-    else:
+    if not files.ortho:
         report = adjusted_without_gross(block, options.adjustment)
         return _found(report, (), (), before)
+    block = replace(block, reference=files.shifted)
     site = Site(
         open_reference(files, block.search_bounds), scans, features.points, features.sources
     )

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import app.run
-from app.project import read_project
+from app.project import described, read_project
 from app.run import STAGE_NAMES, Run, RunOptions, adjustment_digest
 from core.adjustment.adjusted import AdjustmentOptions
 from core.adjustment.block_adjustment import adjust_block
-from core.block import TiePoints
+from core.block import REFERENCE, ShiftedReference, TiePoints
 from core.control.stage import ControlFound
 from core.doubts import Doubt
 from core.errors import Cancelled, OrientationError, StorageError
@@ -286,3 +286,12 @@ def test_the_engine_repeats_until_control_is_final__law(kitchen, monkeypatch):
         first.unlink()
         assert kitchen.walk("control") == ["control"]
         assert session.products.latest_digest("control") == last != first.stem
+
+
+def test_a_block_knows_what_its_reference_may_be_off__law(tiny_run):
+    given = described(read_project(tiny_run.folder)).reference
+    with Session.open(tiny_run.folder, "ada") as session:
+        block = session.products.latest_value("adjustment").block
+    sigma_m = (given.ortho_sigma_m, given.ortho_sigma_m, given.dem_sigma_m)
+    assert block.reference == ShiftedReference(REFERENCE, sigma_m)
+    assert block.reference_error_m(given.ortho_sigma_m) == given.ortho_sigma_m
