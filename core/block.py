@@ -374,7 +374,9 @@ class Block:
 
     @property
     def surveyed_datum(self) -> bool:
-        """Whether the user's surveyed points say where the block lies, and not the reference."""
+        """Whether surveyed points say where the block lies, and not the reference it has."""
+        if self.reference is None:
+            return False
         own = {
             name
             for name, point in self.surveyed.items()

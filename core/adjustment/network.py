@@ -354,7 +354,7 @@ def _references(block: Block, control: tuple[str, ...]) -> list[ShiftedReference
     """The reference of each point that is off as a whole.
 
     What every place of a reference shares, shadows of another hour among it, shows nowhere but at
-    surveyed points: where these say where the block lies, it is estimated.
+    surveyed points: where these position the block, it is estimated.
     """
     usual = block.reference if block.surveyed_datum else None
     points = [block.surveyed[name] for name in control]

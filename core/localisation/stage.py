@@ -303,6 +303,7 @@ def orient_photos(
         ]
 
     likeliest = options.placement.hypotheses
+    # Alone, at last, also those that have no place with others: less than none were tried.
     for tried, orient in (
         (0, partial(orient_at, 0, likeliest)),
         (likeliest, partial(orient_at, likeliest, None)),

@@ -321,10 +321,10 @@ def test_what_the_reference_is_off_surveyed_points_is_told__truth(content, tmp_p
     off = [SharedParameter(REFERENCE, n, v, 0.13, 1.5, 0.1, "x0_mm") for n, v in values.items()]
     report = replace(content.report, parameters=(*content.report.parameters, *off))
     html, _ = write_report(tmp_path, replace(content, report=report))
-    told = "reference points lies +0.20 ± 0.13 m to the east and −0.34 ± 0.13 m to the north"
+    told = "on the reference lies +0.20 ± 0.13 m to the east and −0.34 ± 0.13 m to the north"
     assert told in text_of(html.read_text(encoding="utf-8"))
     html, _ = write_report(tmp_path, content)
-    assert "reference points lies" not in text_of(html.read_text(encoding="utf-8"))
+    assert "on the reference lies" not in text_of(html.read_text(encoding="utf-8"))
 
 
 def test_control_in_use_is_told_worst_first_and_the_rest_is_counted__truth(content, tmp_path):

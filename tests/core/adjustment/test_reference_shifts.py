@@ -84,7 +84,7 @@ def test_the_datum_comes_from_the_other_control__truth() -> None:
     assert np.mean(tied) < np.mean(alone) < np.mean(taken_over)
 
 
-def surveyed_on_reference(seed: int, surveyed: int, reference: ShiftedReference | None = MOSAIC):
+def surveyed_on_reference(seed: int, surveyed: int):
     """A flight on one reference, all of it off by a shift, with so many points of a survey.
 
     Returns:
@@ -101,7 +101,7 @@ def surveyed_on_reference(seed: int, surveyed: int, reference: ShiftedReference 
             if row < surveyed
             else replace(own, position=own.position + np.array(SHIFT_M))
         )
-    return replace(flight.block, surveyed=points, reference=reference), flight.truth
+    return replace(flight.block, surveyed=points, reference=MOSAIC), flight.truth
 
 
 def test_surveyed_points_tell_what_the_reference_is_off__truth() -> None:
@@ -127,6 +127,8 @@ def test_fewer_than_three_leave_it_to_the_reference__law() -> None:
     three, _ = surveyed_on_reference(0, 3)
     assert three.surveyed_datum
     assert three.reference_error_m(0.25) == 0.0
+    # Where nobody said what the reference may be off, it cannot be estimated and is not left out.
+    assert replace(three, reference=None).reference_error_m(0.25) == 0.25
     one = next(
         name for name, p in three.surveyed.items() if p.source == "surveyed" and p.role == "control"
     )
