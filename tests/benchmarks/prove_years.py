@@ -12,6 +12,7 @@ with what was found, over ground of which both years know the height; what was f
 has changed. Picture: cells whose parcels, roads, woods and soil are truly the same, or other ones.
 """
 
+import argparse
 import shutil
 import subprocess
 import sys
@@ -165,10 +166,14 @@ def _labels(epoch: FlownEpoch, grid: Grid) -> np.ndarray:
 
 
 def main() -> None:
-    folder, size = Path(sys.argv[1]), (*sys.argv[2:], "tiny")[0]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="where blocks are kept")
+    parser.add_argument("size", choices=("tiny", "small"), nargs="?", default="tiny")
+    parser.add_argument("seeds", type=int, nargs="*", default=[9224])
+    given = parser.parse_args()
     heights, pictures, errors = [], [], []
-    for seed in [int(word) for word in sys.argv[3:]] or [9224]:
-        options, place = SyntheticOptions(size=size, seed=seed), folder / str(seed)
+    for seed in given.seeds:
+        options, place = SyntheticOptions(given.size, seed=seed), given.folder / str(seed)
         epochs = made_blocks(place, options)
         blocks = dated_blocks([place / str(year) for year in YEARS])
         for pair in compare_years(blocks, place / "change", SILENT):
